@@ -19,28 +19,6 @@ SI inside: s, m, m/s, m/s^2, rad, rad/s; magnetic flux density in uT. `acc` is s
 of a sensor at rest. Heading for people is in degrees clockwise from north. Where a reader could be unsure, the unit
 stands in the name (`_deg_s`, `_uT`, `_m_s2`).
 
-Types
------
-Recording
-    What the sensor recorded (`fg_nav.recording`).
-Stances
-    When the foot stands: found once, shared by all estimators (`fg_nav.detection.stance`).
-FootfallField
-    The field at each footfall: found once, shared too (`fg_nav.magnetic`).
-FieldVerdicts
-    Where a detector finds the field undisturbed. Those of a walk are for the report; an estimator that uses the field
-    judges it itself (`fg_nav.magnetic.quasi_static`).
-Walk
-    All of these, and what the user chose: the input of every estimator (`fg_nav.walk`).
-Solution
-    What every estimator returns: the dense trajectory and one row a stance (`fg_nav.solution`).
-Outcome
-    A solution and its errors (`fg_nav.walk`).
-Result
-    A solution with its walk, errors and verdict: what `fg_nav.navigate` returns (`fg_nav.pipeline`).
-FeetResult
-    Two of these, of a sensor on each foot, and the person between: what `fg_nav.navigate_feet` returns.
-
 The data's way is one page, `fg_nav.pipeline`: `fg_nav.io` -> `Recording` -> `fg_nav.calibration` ->
 `fg_nav.detection` -> `Stances` -> `fg_nav.magnetic` -> `FootfallField` -> `fg_nav.smoother` (of `fg_nav.factors`),
 `fg_nav.ekf` or `fg_nav.online` -> `Solution` -> `fg_nav.evaluation` -> `Outcome` -> `fg_nav.report`.
@@ -50,21 +28,30 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from fg_nav.both_feet import FeetResult, navigate_feet
-    from fg_nav.detection import detect_stances
-    from fg_nav.detection.stance import Stances
-    from fg_nav.ekf import run_iez
-    from fg_nav.errors import FgNavError
-    from fg_nav.evaluation import evaluate
-    from fg_nav.io import read, read_truth
-    from fg_nav.lab.simulation import simulate
-    from fg_nav.magnetic.footfall_field import average_footfall_field
-    from fg_nav.pipeline import Result, navigate
-    from fg_nav.recording import Recording
-    from fg_nav.smoother import GraphNodes, SmoothedWalk, SmootherParameters, smooth, smooth_graph
-    from fg_nav.solution import Solution
-    from fg_nav.truth import Fix, FootprintTruth, TrajectoryTruth
-    from fg_nav.walk import Options
+    from fg_nav.both_feet import FeetResult as FeetResult
+    from fg_nav.both_feet import navigate_feet as navigate_feet
+    from fg_nav.detection import detect_stances as detect_stances
+    from fg_nav.detection.stance import Stances as Stances
+    from fg_nav.ekf import run_iez as run_iez
+    from fg_nav.errors import FgNavError as FgNavError
+    from fg_nav.evaluation import evaluate as evaluate
+    from fg_nav.io import read as read
+    from fg_nav.io import read_truth as read_truth
+    from fg_nav.lab.simulation import simulate as simulate
+    from fg_nav.magnetic.footfall_field import average_footfall_field as average_footfall_field
+    from fg_nav.pipeline import Result as Result
+    from fg_nav.pipeline import navigate as navigate
+    from fg_nav.recording import Recording as Recording
+    from fg_nav.smoother import GraphNodes as GraphNodes
+    from fg_nav.smoother import SmoothedWalk as SmoothedWalk
+    from fg_nav.smoother import SmootherParameters as SmootherParameters
+    from fg_nav.smoother import smooth as smooth
+    from fg_nav.smoother import smooth_graph as smooth_graph
+    from fg_nav.solution import Solution as Solution
+    from fg_nav.truth import Fix as Fix
+    from fg_nav.truth import FootprintTruth as FootprintTruth
+    from fg_nav.truth import TrajectoryTruth as TrajectoryTruth
+    from fg_nav.walk import Options as Options
 
 _HOME = {
     "FeetResult": "fg_nav.both_feet",
@@ -93,38 +80,10 @@ _HOME = {
     "smooth_graph": "fg_nav.smoother",
 }
 
-_UPWARD = {
-    "plot_solution": "fg_nav.report.files",
-    "save_solution": "fg_nav.report.files",
-}
-"""What a solution asks of the report, for `Solution.plot` and `Solution.save`."""
+# What a solution asks of the report, for `Solution.plot` and `Solution.save`.
+_UPWARD = {"plot_solution": "fg_nav.report.files", "save_solution": "fg_nav.report.files"}
 
-__all__ = [
-    "FeetResult",
-    "FgNavError",
-    "Fix",
-    "FootprintTruth",
-    "GraphNodes",
-    "Options",
-    "Recording",
-    "Result",
-    "SmoothedWalk",
-    "SmootherParameters",
-    "Solution",
-    "Stances",
-    "TrajectoryTruth",
-    "average_footfall_field",
-    "detect_stances",
-    "evaluate",
-    "navigate",
-    "navigate_feet",
-    "read",
-    "read_truth",
-    "run_iez",
-    "simulate",
-    "smooth",
-    "smooth_graph",
-]
+__all__ = sorted(_HOME)
 
 
 def __getattr__(name: str) -> Any:
@@ -137,4 +96,4 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     """List the public names, so that an interpreter offers them."""
-    return sorted(__all__)
+    return __all__

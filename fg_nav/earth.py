@@ -22,8 +22,6 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.errors import EarthError
 
-EXTRA = "wmm"  # The extra of this project that brings the World Magnetic Model.
-MODEL_HEIGHT_M = (-1000.0, 850_000.0)  # Above the ellipsoid: where the World Magnetic Model holds.
 PLACE_FORM = "latitude,longitude,YYYY-MM-DD"  # How a place and date are written, degrees north and east.
 
 
@@ -31,7 +29,7 @@ PLACE_FORM = "latitude,longitude,YYYY-MM-DD"  # How a place and date are written
 class Place:
     """Where and when: geodetic degrees, north and east positive, and the day; height in m above the WGS 84 ellipsoid.
 
-    Raises `EarthError` if it is not on the Earth, or higher or lower than the model holds.
+    Raises `EarthError` if it is not on the Earth.
     """
 
     latitude_deg: float
@@ -44,12 +42,6 @@ class Place:
             raise EarthError(
                 f"latitude {self.latitude_deg}, longitude {self.longitude_deg} is not on the Earth: "
                 f"give degrees within -90 to 90 and -180 to 180."
-            )
-        low, high = MODEL_HEIGHT_M
-        if not low <= self.height_m <= high:
-            raise EarthError(
-                f"at {self.height_m} m there is no World Magnetic Model: "
-                f"give meters above sea within {low:.0f} to {high:.0f}."
             )
 
     @classmethod
@@ -75,7 +67,7 @@ class EarthField:
     @property
     def vector(self) -> Floats:
         """Flux density (3,) uT in nav."""
-        return np.array(self.nav_field_uT, dtype=np.float64)
+        return np.array(self.nav_field_uT)
 
     @property
     def strength_uT(self) -> float:
@@ -104,7 +96,7 @@ def compute_field(place: Place) -> EarthField:
         library = import_module("pygeomag")
     except ModuleNotFoundError:
         raise EarthError(
-            f"the World Magnetic Model needs a library that is not installed: pip install 'fg-nav[{EXTRA}]'."
+            "the World Magnetic Model needs a library that is not installed: pip install 'fg-nav[wmm]'."
         ) from None
     try:
         model = library.GeoMag(base_year=place.day.year)

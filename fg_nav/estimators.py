@@ -33,28 +33,18 @@ Use: TypeAlias = Literal["fixes", "gnss", "extra", "places", "feet", "gate", "ma
 
 @dataclass(frozen=True)
 class Method:
-    """An estimator, and what it makes use of.
+    """An estimator, and what it makes use of."""
 
-    Attributes
-    ----------
-    name : under which people ask for it; its solutions have it too.
-    run : solves a walk, and reports the fraction of the work that is done from time to time.
-    mount : where the sensor is worn.
-    uses_field : whether its path depends on the magnetic field.
-    uses : "fixes", "gnss", "places" of an earlier walk, "extra" factors; both "feet" in one graph; a "gate" on the
-        field (others judge it by their own detector), a choice of "magnetic" factors, a "preset"; can "polish"; the
-        "stances" of the walk (others find them on the way).
-    owner : first part of the names of its parameters (`Options.changes`).
-    parameters : with which it begins, a frozen dataclass; what it estimates of them in a walk is not in them. None for
-        a method that has none.
-    """
-
-    name: str
-    run: Estimator
-    mount: Mount = "foot"
-    uses_field: bool = True
+    name: str  # Under which people ask for it; its solutions have it too.
+    run: Estimator  # Solves a walk, and reports the fraction of the work that is done from time to time.
+    mount: Mount = "foot"  # Where the sensor is worn.
+    uses_field: bool = True  # Whether its path depends on the magnetic field.
+    # "fixes", "gnss", "places" of an earlier walk, "extra" factors; both "feet" in one graph; a "gate" on the field
+    # (others judge it by their own detector), a choice of "magnetic" factors, a "preset"; can "polish"; the "stances"
+    # of the walk (others find them on the way)
     uses: frozenset[Use] = frozenset()
-    owner: str = ""
+    owner: str = ""  # First part of the names of its parameters (`Options.changes`).
+    # Its frozen dataclass of parameters before it estimates some of them in a walk; None for a method that has none.
     parameters: Callable[[Options, Calibration | None], object] | None = None
 
 
@@ -176,16 +166,23 @@ def _pocket(method: str, walk: Walk, progress: Progress | None) -> Solution:
 
 def _pocket_online(walk: Walk, progress: Progress | None) -> Solution:
     """Feed a pocket recording sample by sample to the online pocket navigator; return its path."""
+    from fg_nav.online.buffer import OnlineOptions
     from fg_nav.online.navigator import finish_walk
-    from fg_nav.online.pocket import PocketNavigator, PocketOptions
+    from fg_nav.online.pocket import PocketNavigator
 
     options = walk.options
     if options.known_distance_m is not None:
         raise EstimationError(
             "online does not know how far a walk will go: give --step-constant in place of --known-distance."
         )
-    given = options.heading_rad, walk.recording.mag is not None, options.step_constant_m, options.mag_axes is not None
-    navigator = PocketNavigator(PocketOptions(*given))
+    given = OnlineOptions(
+        mount="pocket",
+        heading_rad=options.heading_rad,
+        use_field=walk.recording.mag is not None,
+        axes_given=options.mag_axes is not None,
+        step_constant_m=options.step_constant_m,
+    )
+    navigator = PocketNavigator(given)
     _push_recording(navigator, walk.recording, progress)
     return finish_walk(navigator, options.polish, progress)
 

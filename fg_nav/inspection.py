@@ -13,8 +13,7 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import detect_stances, find_rests
-from fg_nav.detection.handedness import DECISIVE, NO_EVIDENCE, SUSPECT, AxesEvidence, measure_axes
-from fg_nav.detection.mount import measure_turning
+from fg_nav.detection.mount import DECISIVE, NO_EVIDENCE, SUSPECT, AxesEvidence, measure_axes, measure_turning
 from fg_nav.detection.sensor_processing import MIN_DELAY_STRIDES, MIN_SMOOTHING_HZ, SPECTRUM_S
 from fg_nav.errors import DetectionError, RecordingError
 from fg_nav.frames import GRAVITY_M_S2
@@ -39,21 +38,16 @@ STANCE_SHARES = 0.15, 0.8  # A running foot stands for a fifth of the time; one 
 
 @dataclass(frozen=True)
 class Stamps:
-    """Time stamps.
-
-    `rate_hz` is that of the sensor's clock, `jitter_s` the standard deviation of the stamps about it.
-    `gaps` counts the places where samples were dropped; without one `longest_gap_s` is NaN and
-    `longest_gap_row`, the row after the gap, None. `repeated`, `backward` and `missing` count samples.
-    """
+    """Rate of the sensor's clock, and the standard deviation of the stamps about it; counts of what is wrong."""
 
     rate_hz: float
     jitter_s: float
-    gaps: int
-    longest_gap_s: float
-    longest_gap_row: int | None
+    gaps: int  # places where samples were dropped
+    longest_gap_s: float  # NaN without one
+    longest_gap_row: int | None  # behind it
     repeated: int
     backward: int
-    missing: int
+    missing: int  # samples
 
 
 @dataclass(frozen=True)
@@ -66,10 +60,9 @@ class Range:
 
 @dataclass(frozen=True)
 class Rest:
-    """The sensor at rest.
+    """Duration of all rests, the size of the mean acc, and the mean gyr (3,), its bias.
 
-    `duration_s` of rests (`fg_nav.detection.rest`) in all, the size of the mean acc, and the mean gyr (3,) in
-    deg/s: its bias. Without rest `acc_m_s2` is that of the stillest moments, and the bias NaN.
+    Without rest `acc_m_s2` is that of the stillest moments, and the bias NaN.
     """
 
     duration_s: float
@@ -79,16 +72,13 @@ class Rest:
 
 @dataclass(frozen=True)
 class MagneticField:
-    """Field strength: median and standard deviation in uT, and the samples a second.
-
-    `aligned` has its delay and its axes, None where the recording is refused; `points_up` as south of the equator.
-    """
+    """Median and standard deviation of the strength, and the samples a second."""
 
     strength_uT: float
     spread_uT: float
     rate_hz: float
-    aligned: AlignedMagnetometer | None = None
-    points_up: bool = False
+    aligned: AlignedMagnetometer | None = None  # its delay and its axes, where the recording is not refused
+    points_up: bool = False  # as south of the equator
 
 
 @dataclass(frozen=True)
@@ -102,7 +92,7 @@ class StanceShare:
 
 @dataclass(frozen=True)
 class Air:
-    """What the barometer reads: its rate, Hz, and the range of the pressure, hPa."""
+    """What the barometer reads: its rate, and the range of the pressure."""
 
     rate_hz: float
     least_hpa: float
@@ -111,13 +101,7 @@ class Air:
 
 @dataclass(frozen=True)
 class Inspection:
-    """A recording in numbers, and its `verdict` in words.
-
-    `refusal` is why it cannot be navigated with, None if it can; `find_unit_problems` name wrong units and axes;
-    `air` is None without a barometer, `field` without a magnetometer; `samples_verdict` on what filters and faults left
-    of the samples; `wearing` is "foot" or "pocket" where the turning is clearly that of one (`fg_nav.detection.mount`),
-    else None; `notes` are the remarks of reader and admission.
-    """
+    """A recording in numbers, and its `verdict` in words."""
 
     name: str
     format: str
@@ -129,15 +113,15 @@ class Inspection:
     rest: Rest
     gravity: GravityTransport
     axes: AxesEvidence
-    field: MagneticField | None
+    field: MagneticField | None  # None without a magnetometer
     stance: StanceShare
-    samples_verdict: Verdict
-    wearing: str | None
+    samples_verdict: Verdict  # on what filters and faults left of the samples
+    wearing: str | None  # "foot" or "pocket" where the turning is clearly that of one (`fg_nav.detection.mount`)
     truth: str
-    refusal: str | None
-    unit_problems: tuple[str, ...]
-    notes: tuple[str, ...]
-    air: Air | None = None
+    refusal: str | None  # why it cannot be navigated with
+    unit_problems: tuple[str, ...]  # wrong units and axes
+    notes: tuple[str, ...]  # remarks of reader and admission
+    air: Air | None = None  # None without a barometer
 
     @property
     def obstacle(self) -> str | None:
@@ -159,9 +143,8 @@ class Inspection:
         word, reasons, why = self.samples_verdict.word, self.samples_verdict.reasons, self.obstacle
         first = f"{word}: {'; '.join(reasons)}." if reasons else f"{word}: it can be navigated with."
         first = first if why is None else f"{UNUSABLE}: it cannot be navigated with: {why}"
-        further = [f"{p[0].upper()}{p[1:]}." for p in self.unit_problems if p not in (self.refusal or "")]
-        problems = [*_list_sample_problems(self), *_list_field_problems(self), *_list_stance_problems(self)]
-        return (first, *further, *problems, *_list_unjudged(self), *_list_merits(self))
+        further = [f"{_capitalize(p)}." for p in self.unit_problems if p not in (self.refusal or "")]
+        return (first, *further, *_list_problems(self), *_list_unjudged(self), *_list_merits(self))
 
 
 def inspect(raw: RawRecording) -> Inspection:
@@ -182,10 +165,8 @@ def inspect(raw: RawRecording) -> Inspection:
     rising = np.flatnonzero(usable)[np.diff(np.maximum.accumulate(t), prepend=-np.inf) > 0]
     stamps = _measure_stamps(raw, usable, rising)
     # stances, and what speaks against the samples
-    stance, signs = (
-        StanceShare(0, np.nan, "not looked for, since the recording cannot be navigated with"),
-        list[Reason](),
-    )
+    stance = StanceShare(0, np.nan, "not looked for, since the recording cannot be navigated with")
+    signs = list[Reason]()
     if recording is not None:
         signs = [judge_bad_samples(recording)]
         try:
@@ -229,26 +210,16 @@ def inspect(raw: RawRecording) -> Inspection:
 
 
 def _measure_stamps(raw: RawRecording, usable: Bools, rising: Ints) -> Stamps:
-    step = np.diff(raw.t[usable])
-    counts = {
-        "repeated": int(np.count_nonzero(step == 0)),
-        "backward": int(np.count_nonzero(step < 0)),
-        "missing": int(np.count_nonzero(~usable)),
-    }
+    t, step = raw.t[rising], np.diff(raw.t[usable])
+    counts = [int(np.count_nonzero(wrong)) for wrong in (step == 0, step < 0, ~usable)]
     if len(rising) < 2:
-        return Stamps(np.nan, np.nan, 0, np.nan, None, **counts)
-    t = raw.t[rising]
+        return Stamps(np.nan, np.nan, 0, np.nan, None, *counts)
     clock = fit_clock(t)
     skipped = np.flatnonzero(np.diff(clock.tick) > 1)
     worst = skipped[np.argmax(np.diff(t)[skipped])] if skipped.size else None
-    return Stamps(
-        rate_hz=1.0 / clock.period,
-        jitter_s=float(np.std(t - clock.even)),
-        gaps=len(skipped),
-        longest_gap_s=np.nan if worst is None else float(t[worst + 1] - t[worst]),
-        longest_gap_row=None if worst is None else int(raw.row[rising[worst + 1]]),
-        **counts,
-    )
+    longest_s = np.nan if worst is None else float(t[worst + 1] - t[worst])
+    row = None if worst is None else int(raw.row[rising[worst + 1]])
+    return Stamps(1.0 / clock.period, float(np.std(t - clock.even)), len(skipped), longest_s, row, *counts)
 
 
 def _measure_range(samples: Floats) -> Range:
@@ -285,77 +256,82 @@ def _measure_field(mag: Floats, duration: float, recording: Recording | None) ->
     return replace(found, aligned=align_magnetometer(recording), points_up=field_points_up(recording))
 
 
-def _list_sample_problems(facts: Inspection) -> list[str]:
-    """Return problems with axes, stamps, saturation and rests, one sentence each."""
-    stamps, rest, found = facts.stamps, facts.rest, list[str]()
-    if SUSPECT <= facts.axes.against <= DECISIVE:
-        problem = facts.axes.problem
-        found.append(f"{problem[0].upper()}{problem[1:]}, perhaps: a few strides more would show it.")
-    if stamps.missing:
-        found.append(f"Missing, or out of any range: {format_count(stamps.missing, 'sample')}.")
-    if stamps.repeated:
-        found.append(f"Repeated: {format_count(stamps.repeated, 'stamp')}.")
-    if stamps.backward:
-        found.append(f"Running backward: {format_count(stamps.backward, 'stamp')}.")
-    if stamps.gaps:
-        longest = f"{1e3 * stamps.longest_gap_s:.0f} ms before row {stamps.longest_gap_row}"
-        found.append(f"Samples were dropped in {format_count(stamps.gaps, 'place')}; the longest gap is {longest}.")
-    if stamps.jitter_s * stamps.rate_hz > JITTER_SHARE:
-        found.append(f"The stamps jitter by {1e3 * stamps.jitter_s:.2f} ms about the sensor's even clock.")
-    for name, unit, limits in (("gyr", "rad/s", facts.gyr_range), ("acc", "m/s^2", facts.acc_range)):
-        for axis, share, level in zip("xyz", limits.share.tolist(), limits.level.tolist(), strict=True):
-            if share > 0:
-                words = f"{100 * share:.2g} % of the samples are beyond {level:.4g} {unit}"
-                found.append(f"{name} saturates on {axis}: {words}.")
-    if facts.unit_problems:
-        return found
-    if abs(rest.acc_m_s2 - GRAVITY_M_S2) > GRAVITY_TOLERANCE_M_S2:
-        found.append(
-            f"|acc| at rest is {rest.acc_m_s2:.2f} m/s^2, gravity {GRAVITY_M_S2:.2f}: "
-            f"the accelerometer has a bias or a scale error, which is taken off in a run."
-        )
-    if rest.duration_s == 0:
-        found.append("There is no rest to see the gyroscope's bias in: stand still at the start.")
-    elif rest.duration_s < LONG_REST_S:
-        found.append(f"There is only {rest.duration_s:.1f} s of rest: stand still for longer at the start.")
-    return found
+def _list_problems(facts: Inspection) -> list[str]:
+    """Return problems with axes, stamps, saturation, rests, magnetometer and stances, one sentence each."""
+    stamps, rest, axes, jitter = facts.stamps, facts.rest, facts.axes, facts.stamps.jitter_s * facts.stamps.rate_hz
+    field, has_units, is_walk = facts.field, not facts.unit_problems, facts.refusal is None
+    share, (low, high), is_foot = facts.stance.share, STANCE_SHARES, facts.wearing != "pocket"
+    gap = f"{1e3 * stamps.longest_gap_s:.0f} ms before row {stamps.longest_gap_row}"
+    saturated = [
+        f"{name} saturates on {axis}: {100 * share:.2g} % of the samples are beyond {level:.4g} {unit}."
+        for name, unit, limits in (("gyr", "rad/s", facts.gyr_range), ("acc", "m/s^2", facts.acc_range))
+        for axis, share, level in zip("xyz", limits.share.tolist(), limits.level.tolist(), strict=True)
+        if share > 0
+    ]
+    known = field is not None and not np.isnan(field.strength_uT)
+    strength, spread = (field.strength_uT, field.spread_uT) if field is not None else (np.nan, np.nan)
+    aligned = field.aligned if field is not None else None
+    wrong = None if aligned is None else aligned.wrong_axes
+    noted = [] if aligned is None or wrong is not None else [f"{_capitalize(note)} in a run." for note in aligned.notes]
+    found: list[tuple[object, str]] = [
+        (SUSPECT <= axes.against <= DECISIVE,
+         f"{_capitalize(axes.problem)}, perhaps: a few strides more would show it."),
+        (stamps.missing, f"Missing, or out of any range: {format_count(stamps.missing, 'sample')}."),
+        (stamps.repeated, f"Repeated: {format_count(stamps.repeated, 'stamp')}."),
+        (stamps.backward, f"Running backward: {format_count(stamps.backward, 'stamp')}."),
+        (stamps.gaps, f"Samples were dropped in {format_count(stamps.gaps, 'place')}; the longest gap is {gap}."),
+        (jitter > JITTER_SHARE, f"The stamps jitter by {1e3 * stamps.jitter_s:.2f} ms about the sensor's even clock."),
+        *((True, words) for words in saturated),
+        (has_units and abs(rest.acc_m_s2 - GRAVITY_M_S2) > GRAVITY_TOLERANCE_M_S2,
+         f"|acc| at rest is {rest.acc_m_s2:.2f} m/s^2, gravity {GRAVITY_M_S2:.2f}: "
+         f"the accelerometer has a bias or a scale error, which is taken off in a run."),
+        (has_units and rest.duration_s == 0,
+         "There is no rest to see the gyroscope's bias in: stand still at the start."),
+        (has_units and 0 < rest.duration_s < LONG_REST_S,
+         f"There is only {rest.duration_s:.1f} s of rest: stand still for longer at the start."),
+        (field is None, "There is no magnetometer: the heading is that of the gyroscope alone."),
+        (field is not None and not known, "The magnetometer has no sample."),
+        (wrong is not None, f"{_capitalize(wrong.warning if wrong else '')}."),
+        *((True, words) for words in noted),
+        (field is not None and field.points_up and wrong is None,
+         "The field points up, as on the southern hemisphere: elsewhere all axes are the other way round."),
+        (spread > SPREAD_SHARE * strength,
+         f"The field is disturbed: {strength:.0f} uT with a standard deviation of {spread:.0f} uT."),
+        (is_walk and not is_foot, "It turns like a thigh that walks, not like a foot: run it with --mount pocket."),
+        (is_walk and is_foot and share < low,
+         f"The foot stands for only {100 * share:.0f} % of the time: is this sensor on a foot?"),
+        (is_walk and is_foot and share > high,
+         f"The foot stands for {100 * share:.0f} % of the time: there is little walk in it."),
+    ]  # fmt: skip
+    return [words for is_so, words in found if is_so]
 
 
-def _list_field_problems(facts: Inspection) -> list[str]:
-    """Return problems with the magnetometer (absent, axes, delay) and field (up, disturbed), one sentence each."""
-    field = facts.field
-    if field is None:
-        return ["There is no magnetometer: the heading is that of the gyroscope alone."]
-    if np.isnan(field.strength_uT):
-        return ["The magnetometer has no sample."]
-    found, aligned = list[str](), field.aligned
-    if aligned is not None and aligned.wrong_axes is not None:
-        warning = aligned.wrong_axes.warning
-        found.append(f"{warning[0].upper()}{warning[1:]}.")
-    elif aligned is not None:
-        found += [f"{note[0].upper()}{note[1:]} in a run." for note in aligned.notes]
-        if field.points_up:
-            found.append(
-                "The field points up, as on the southern hemisphere: elsewhere all axes are the other way round."
-            )
-    if field.spread_uT > SPREAD_SHARE * field.strength_uT:
-        spread = f"{field.strength_uT:.0f} uT with a standard deviation of {field.spread_uT:.0f} uT"
-        found.append(f"The field is disturbed: {spread}.")
-    return found
+def _list_merits(facts: Inspection) -> list[str]:
+    """Return what is good about the recording, one sentence each."""
+    stamps, rest, field, has_units = facts.stamps, facts.rest, facts.field, not facts.unit_problems
+    is_even = stamps.jitter_s * stamps.rate_hz <= JITTER_SHARE and not (stamps.gaps or stamps.backward)
+    strength, spread = (field.strength_uT, field.spread_uT) if field is not None else (np.nan, np.nan)
+    bias, (low, high) = ", ".join(f"{value:.2f}" for value in rest.gyro_bias_deg_s), STANCE_SHARES
+    found = [
+        (is_even, f"The stamps are even, at {stamps.rate_hz:.1f} Hz."),
+        (has_units and abs(rest.acc_m_s2 - GRAVITY_M_S2) <= GRAVITY_TOLERANCE_M_S2,
+         f"|acc| at rest is {rest.acc_m_s2:.2f} m/s^2: gravity."),
+        (facts.gravity.is_telling and 0.3 < facts.gravity.gain < 3.0,
+         "Gravity turns as the gyroscope says: units and axes agree."),
+        (facts.axes.strides >= 5 and facts.axes.against < 1.0,  # fewer do not say so
+         f"The axes of gyroscope and accelerometer agree in {facts.axes.strides} strides."),
+        (has_units and rest.duration_s >= LONG_REST_S,
+         f"{rest.duration_s:.0f} s of rest show the bias: {bias} deg/s."),
+        (has_units and spread <= SPREAD_SHARE * strength,
+         f"The field is steady: {strength:.0f} uT, {spread:.0f} uT about it."),
+        (low <= facts.stance.share <= high and facts.wearing != "pocket",
+         f"{facts.stance.count} stances make {100 * facts.stance.share:.0f} % of the time."),
+    ]  # fmt: skip
+    return [words for is_so, words in found if is_so]
 
 
-def _list_stance_problems(facts: Inspection) -> list[str]:
-    """Return at most one sentence: a thigh in place of a foot, too few stances, or too many."""
-    share, (low, high) = facts.stance.share, STANCE_SHARES
-    if facts.refusal is not None:
-        return []
-    if facts.wearing == "pocket":
-        return ["It turns like a thigh that walks, not like a foot: run it with --mount pocket."]
-    if share < low:
-        return [f"The foot stands for only {100 * share:.0f} % of the time: is this sensor on a foot?"]
-    if share > high:
-        return [f"The foot stands for {100 * share:.0f} % of the time: there is little walk in it."]
-    return []
+def _capitalize(words: str) -> str:
+    return words[:1].upper() + words[1:]
 
 
 def _list_unjudged(facts: Inspection) -> list[str]:
@@ -370,26 +346,3 @@ def _list_unjudged(facts: Inspection) -> list[str]:
     if rate_hz < MIN_SMOOTHING_HZ or facts.duration_s < SPECTRUM_S:
         checks.append(f"whether the samples are smoothed ({facts.duration_s:.0f} s at {rate_hz:.0f} Hz)")
     return [f"Not judged, for want of data: {', '.join(checks)}."] if checks else []
-
-
-def _list_merits(facts: Inspection) -> list[str]:
-    """Return what is good about the recording, one sentence each."""
-    stamps, rest, field = facts.stamps, facts.rest, facts.field
-    found = []
-    if stamps.jitter_s * stamps.rate_hz <= JITTER_SHARE and not (stamps.gaps or stamps.backward):
-        found.append(f"The stamps are even, at {stamps.rate_hz:.1f} Hz.")
-    if not facts.unit_problems and abs(rest.acc_m_s2 - GRAVITY_M_S2) <= GRAVITY_TOLERANCE_M_S2:
-        found.append(f"|acc| at rest is {rest.acc_m_s2:.2f} m/s^2: gravity.")
-    if facts.gravity.is_telling and 0.3 < facts.gravity.gain < 3.0:
-        found.append("Gravity turns as the gyroscope says: units and axes agree.")
-    if facts.axes.strides >= 5 and facts.axes.against < 1.0:  # fewer do not say so
-        found.append(f"The axes of gyroscope and accelerometer agree in {facts.axes.strides} strides.")
-    if rest.duration_s >= LONG_REST_S and not facts.unit_problems:
-        bias = ", ".join(f"{value:.2f}" for value in rest.gyro_bias_deg_s)
-        found.append(f"{rest.duration_s:.0f} s of rest show the bias: {bias} deg/s.")
-    if field is not None and field.spread_uT <= SPREAD_SHARE * field.strength_uT and not facts.unit_problems:
-        found.append(f"The field is steady: {field.strength_uT:.0f} uT, {field.spread_uT:.0f} uT about it.")
-    low, high = STANCE_SHARES
-    if low <= facts.stance.share <= high and facts.wearing != "pocket":
-        found.append(f"{facts.stance.count} stances make {100 * facts.stance.share:.0f} % of the time.")
-    return found

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.detection.handedness import measure_swing_axes, refuse_wrong_axes
+from fg_nav.detection.mount import measure_swing_axes, refuse_wrong_axes
 from fg_nav.errors import PlacesError
 from fg_nav.estimators import Progress, check_changes, estimate
 from fg_nav.evaluation.metrics import Metrics

@@ -23,13 +23,7 @@ T = TypeVar("T")
 
 @cache
 def find_plugins(group: str, kind: type[T]) -> dict[str, T]:
-    """Return what installed packages add to a group, by name.
-
-    Raises
-    ------
-    PluginError
-        If one does not load, or is not of this kind.
-    """
+    """Return what installed packages add to a group, by name; raises `PluginError` if one does not load or fit."""
     found = {}
     for entry in entry_points(group=f"fg_nav.{group}"):
         package = entry.dist.name if entry.dist else entry.module
@@ -37,12 +31,10 @@ def find_plugins(group: str, kind: type[T]) -> dict[str, T]:
             added = entry.load()
         except Exception as error:  # A package of somebody else may fail in any way.
             reason = " ".join(f"{type(error).__name__}: {error}".split())
-            raise PluginError(
-                f"{entry.name} of the package {package} does not load ({reason}): uninstall it."
-            ) from error
+            words = f"does not load ({reason})"
+            raise PluginError(f"{entry.name} of the package {package} {words}: uninstall it.") from error
         if not isinstance(added, kind):
-            raise PluginError(
-                f"{entry.name} of the package {package} is no {kind.__name__}, which fg_nav.{group} are: uninstall it."
-            )
+            words = f"is no {kind.__name__}, which fg_nav.{group} are"
+            raise PluginError(f"{entry.name} of the package {package} {words}: uninstall it.")
         found[entry.name] = added
     return found

@@ -37,49 +37,27 @@ STRIDE_COLUMNS = (
 
 @dataclass(frozen=True)
 class StanceTable:
-    """One row a stance, taken at its representative (stillest) sample.
+    """One row a stance, taken at its representative (stillest) sample; None where the estimator does not tell."""
 
-    ================== ======== ==========================================================
-    sample             (K,)     index into the recording
-    t                  (K,)     s
-    position           (K, 3)   m, navigation frame
-    nav_R_body         (K, 3,3) attitude
-    gyro_bias          (K, 3)   rad/s, body frame
-    position_cov       (K, 3,3) m^2, navigation frame
-    heading_sigma      (K,)     rad
-    gyro_bias_sigma    (K, 3)   rad/s
-    field              (K,)     verdict on the magnetic field: "none" where it was not used
-    field_reason       (K,)     the verdict in words
-    pose_cov           (K, 4,4) of east, north, up (m) and yaw about up (rad) together; None
-                                where the estimator does not tell
-    same_place         (K,)     earlier footfall at the place, recognized by its field; -1 none
-    place_score        (K,)     log likelihood ratio of that, nats; 0 where there is none
-    compass_weight     (K,)     information of the footfall's compass over that at the walk's own
-                                spread, at most 1; 0 where it has no reading or is not used; None where the
-                                estimator does not tell
-    field_statistic    (K,)     detector's statistic over its threshold; NaN where not judged, None
-                                without a detector
-    differential_sigma (K,)     sigma, rad/s, of the gyro bias about up by the differential field of
-                                the stances near the footfall alone; NaN where it shows none, None
-                                where it is not used
-    ================== ======== ==========================================================
-    """
-
-    sample: Ints
-    t: Floats
-    position: Floats
-    nav_R_body: Floats
-    gyro_bias: Floats
-    position_cov: Floats
-    heading_sigma: Floats
-    gyro_bias_sigma: Floats
-    field: tuple[str, ...]
-    field_reason: tuple[str, ...]
-    pose_cov: Floats | None = None
-    same_place: Ints | None = None
-    place_score: Floats | None = None
+    sample: Ints  # (K,) index into the recording
+    t: Floats  # (K,) s
+    position: Floats  # (K, 3) m, navigation frame
+    nav_R_body: Floats  # (K, 3, 3)
+    gyro_bias: Floats  # (K, 3) rad/s, body frame
+    position_cov: Floats  # (K, 3, 3) m^2, navigation frame
+    heading_sigma: Floats  # (K,) rad
+    gyro_bias_sigma: Floats  # (K, 3) rad/s
+    field: tuple[str, ...]  # (K,) verdict on the magnetic field: "none" where it was not used
+    field_reason: tuple[str, ...]  # (K,) the verdict in words
+    pose_cov: Floats | None = None  # (K, 4, 4) of east, north, up (m) and yaw about up (rad) together
+    same_place: Ints | None = None  # (K,) earlier footfall at the place, recognized by its field; -1 none
+    place_score: Floats | None = None  # (K,) log likelihood ratio of that, nats; 0 where there is none
+    # (K,) information of the footfall's compass over that at the walk's own spread, at most 1; 0 where it has no
+    # reading or is not used
     compass_weight: Floats | None = None
-    field_statistic: Floats | None = None
+    field_statistic: Floats | None = None  # (K,) detector's statistic over its threshold; NaN where not judged
+    # (K,) sigma, rad/s, of the gyro bias about up by the differential field of the stances near the footfall alone; NaN
+    # where it shows none
     differential_sigma: Floats | None = None
 
     def __len__(self) -> int:
@@ -151,7 +129,7 @@ class Return(KnownStretch):
 
 @dataclass(frozen=True)
 class Located:
-    """Where a walk begins in the frame of an earlier one whose places were saved."""
+    """Start of a walk in the frame of an earlier one whose places were saved."""
 
     position: Floats  # (3,) m, of its first footfall
     heading: float  # rad clockwise from north, of the body's x axis there
@@ -250,10 +228,10 @@ class Solution:
         added = np.einsum("ki,kj->kij", off, off)
         heading_sigma = np.hypot(table.heading_sigma, turned)
         table = replace(table, position_cov=table.position_cov + added, heading_sigma=heading_sigma)
-        walked = float(np.linalg.norm(np.diff(table.position[:, :2], axis=0), axis=1).sum())
-        of_distance = (
-            None if self.distance_sigma_m is None else float(np.hypot(self.distance_sigma_m, scale_sigma * walked))
-        )
+        of_distance = self.distance_sigma_m
+        if of_distance is not None:
+            walked = np.linalg.norm(stride[:, :2], axis=1).sum()
+            of_distance = float(np.hypot(of_distance, scale_sigma * walked))
         return replace(self, stances=table, distance_sigma_m=of_distance)
 
     def to_dataframe(self, footfalls: bool = False) -> pd.DataFrame:

@@ -18,18 +18,16 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.detection import StanceParameters, detect_stances
-from fg_nav.detection.handedness import refuse_wrong_axes
-from fg_nav.detection.mount import refuse_pocket
+from fg_nav.detection.mount import refuse_pocket, refuse_wrong_axes
 from fg_nav.detection.sensor_processing import refuse_high_pass, remove_gyro_delay
 from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError, EvaluationError, MagneticError
 from fg_nav.evaluation.comparison import Comparison, compare, share_truth
-from fg_nav.evaluation.metrics import Metrics, evaluate
-from fg_nav.evaluation.walked import WalkErrors, measure_moment
+from fg_nav.evaluation.metrics import Metrics, MomentErrors, evaluate, measure_moment
 from fg_nav.io import Reading, read_fixes, read_gnss, read_truth
 from fg_nav.magnetic.axes import AlignedMagnetometer, MagAxes, align_magnetometer
+from fg_nav.magnetic.detectors import DEFAULT, QUASI_STATIC, UNKNOWN, FieldVerdicts, apply_gate, choose_gate
 from fg_nav.magnetic.footfall_field import FootfallField
-from fg_nav.magnetic.quasi_static import DEFAULT, QUASI_STATIC, UNKNOWN, FieldVerdicts, apply_gate, choose_gate
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
 from fg_nav.text import DETECTOR, Changes, change_parameters, select_changes
@@ -59,7 +57,7 @@ class Options:
         then zero, or from the field in methods that use it.
     alignment : how a solution is aligned with the truth (`fg_nav.evaluation.comparison`).
     truth_path : file with the truth; without one the truth in the recording is taken, if there is one.
-    gate : detector that weighs the field at a footfall, one of `fg_nav.magnetic.quasi_static.GATES`; a filter with a
+    gate : detector that weighs the field at a footfall, one of `fg_nav.magnetic.detectors.GATES`; a filter with a
         compass has a detector of its own.
     magnetic : factors of the field in the graph: "all", or "card", magnetic heading and differential field alone: no
         line integrals, no recognized places.
@@ -171,7 +169,7 @@ class Outcome:
     field_used: bool = False  # whether the method used the field, known from the verdicts in its own stance table
     # errors of an online method's estimates at the moment of each footfall; None from others, and without a usable
     # truth
-    moment: WalkErrors | None = None
+    moment: MomentErrors | None = None
     polished: Outcome | None = None  # what came of the batch solution next to an online one; None without
 
 

@@ -14,7 +14,7 @@ heading at the start. Filters are tuned on seeds below 100. What was known of th
 
 Figures are medians over the walks (5 % to 95 %), of their size where they have a sign; a reduction is that of one walk,
 and keeps its sign. A method that fails on a walk is infinitely wrong there. `as started` and `yaw` are two ways to
-align a path with the truth, see `fg_nav.evaluation.walked`; the papers, whose figures stand below ours, do not say
+align a path with the truth, see `fg_nav.lab.walked`; the papers, whose figures stand below ours, do not say
 which is theirs. Real walks are aligned by the best yaw (gdin), or end where they began (openshoe).
 
 Are the claims true? `fg_nav.lab.consistency` has the errors over their claim, their parts and the bands.
@@ -41,7 +41,6 @@ from walks import REAL_WALKS
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import SimulationError
-from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, CLOSURE
 from fg_nav.lab.campaign.execute import recorded_keys, settings_of, simulated_keys, store_task, tasks_of
 from fg_nav.lab.campaign.methods import method_of
 from fg_nav.lab.campaign.walks import LOOP, MAGNETOMETERS, MIXTURES, WALK, Recorded
@@ -52,6 +51,7 @@ from fg_nav.lab.simulation import scenario
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.results import USED, Key, Result, read_result
+from fg_nav.lab.walked import AS_STARTED, BEST_YAW, CLOSURE
 from fg_nav.report.terminal import console
 from fg_nav.text import format_count
 

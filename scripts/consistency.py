@@ -43,10 +43,11 @@ from magnetic_walks import COURSES, Case
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import FgNavError
-from fg_nav.evaluation.walked import AS_STARTED, compare_at_footfalls
+from fg_nav.evaluation.comparison import compare_at_footfalls
 from fg_nav.lab.consistency import share_in_band, whiten_errors
 from fg_nav.lab.simulation import SimulatedWalk
 from fg_nav.lab.store.code import code_sum
+from fg_nav.lab.walked import AS_STARTED
 from fg_nav.smoother import smooth
 from fg_nav.solution import Solution
 from fg_nav.walk import Walk

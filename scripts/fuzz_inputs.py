@@ -24,7 +24,6 @@ from fg_nav.io import read, write_canonical, write_tum
 from fg_nav.lab.simulation import SCENARIOS, Choices, SimulatedWalk, simulate
 from fg_nav.online.buffer import OnlineOptions, rows_of
 from fg_nav.online.follow import Sensor, StreamOptions, follow
-from fg_nav.online.pocket import PocketOptions
 from fg_nav.online.record import LINES, Record
 from fg_nav.online.sources import Replay
 from fg_nav.pipeline import navigate
@@ -225,9 +224,9 @@ def _write_config(method: str, folder: Path) -> bytes:
         return (Path(name) / "config.json").read_bytes()
 
 
-def _write_record(options: OnlineOptions | PocketOptions, end: str, folder: Path) -> bytes:
+def _write_record(options: OnlineOptions, end: str, folder: Path) -> bytes:
     """What the record of the beginning of the base walk, or of a thigh, has in the file with this end of its name."""
-    known = base_thigh() if isinstance(options, PocketOptions) else base_recording()
+    known = base_thigh() if options.mount == "pocket" else base_recording()
     begin = known.slice(0, round(RECORDED_S * BASE_HZ))
     with tempfile.TemporaryDirectory() as name:
         record = Record(Path(name) / "record.csv", False, False, lambda words: None)
@@ -275,7 +274,7 @@ COMPANIONS: dict[str, Callable[[Path], bytes]] = {
     "scenario.toml": lambda folder: SCENARIO,
     **{
         f"{name}.record{end}": partial(_write_record, options, end)
-        for name, options in (("foot", FOOT), ("lagged", LAGGED), ("thigh", PocketOptions(None)))
+        for name, options in (("foot", FOOT), ("lagged", LAGGED), ("thigh", OnlineOptions("pocket", None)))
         for end in ("", LINES)
     },
 }

@@ -47,9 +47,9 @@ from magnetic_walks import COURSES, FIELDS, Case
 from fg_nav.detection import RestParameters
 from fg_nav.errors import FgNavError
 from fg_nav.evaluation import evaluate
-from fg_nav.evaluation.walked import measure_walk
 from fg_nav.lab.simulation import SimulatedWalk
 from fg_nav.lab.store.code import code_sum
+from fg_nav.lab.walked import measure_walk
 from fg_nav.pipeline import prepare_walk
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.solution import Solution

@@ -31,9 +31,10 @@ import numpy as np
 from harness import FIRST_SEED, Figure, option, spread
 from walks import GDIN, OPENSHOE, REAL_WALKS, data_folder, real_path
 
-from fg_nav.evaluation.walked import AS_STARTED, compare_at_footfalls
+from fg_nav.evaluation.comparison import compare_at_footfalls
 from fg_nav.lab.campaign.methods import solve_by
 from fg_nav.lab.campaign.walks import LOOP, Recorded, Simulated, Source
+from fg_nav.lab.walked import AS_STARTED
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import OnlineOptions
 from fg_nav.solution import Solution, StanceTable

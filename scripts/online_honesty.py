@@ -40,9 +40,10 @@ from walks import GDIN, GDIN_WALKS, GDLBIO_WALKED, OPENSHOE, REAL_WALKS, RUNNING
 from fg_nav.arrays import Floats
 from fg_nav.detection.causal import CausalStances, Footfall
 from fg_nav.errors import EstimationError
-from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, compare_at_footfalls
+from fg_nav.evaluation.comparison import compare_at_footfalls
 from fg_nav.frames import compute_heading, wrap_angle, yaw_rotation
 from fg_nav.lab.campaign.walks import LOOP, Recorded, Simulated
+from fg_nav.lab.walked import AS_STARTED, BEST_YAW
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.estimates import StanceEstimate

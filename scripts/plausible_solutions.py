@@ -22,7 +22,7 @@ import walks
 from harness import Figure
 from verdicts import GOOD, Case, judge_by_methods, list_cases, turn_gyr
 
-from fg_nav.detection.handedness import measure_axes
+from fg_nav.detection.mount import measure_axes
 from fg_nav.errors import FgNavError
 from fg_nav.estimators import estimate
 from fg_nav.pipeline import prepare_walk

@@ -32,7 +32,7 @@ import walks
 from walks import Walk
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.detection.rolling_lever import estimate_lever
+from fg_nav.detection.rest import estimate_lever
 from fg_nav.evaluation.comparison import align, interpolate_truth
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.parameters import PLAIN, WalkParameters

@@ -68,8 +68,8 @@ from fg_nav.frames import wrap_angle
 from fg_nav.io import read
 from fg_nav.lab.campaign.walks import RAW, WALK, Recorded
 from fg_nav.magnetic import FieldVerdicts, FootfallField, average_footfall_field
+from fg_nav.magnetic.detectors import DETECTORS, judge_field
 from fg_nav.magnetic.footfall_field import compute_level_R_body
-from fg_nav.magnetic.quasi_static import DETECTORS, judge_field
 from fg_nav.pipeline import run_method
 from fg_nav.walk import Walk as PreparedWalk
 

@@ -19,7 +19,7 @@ from sample_errors import integrate
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection import detect_stances
-from fg_nav.detection.rolling_lever import estimate_lever
+from fg_nav.detection.rest import estimate_lever
 from fg_nav.detection.stance import shoe
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.mechanisation import NavState

@@ -27,7 +27,7 @@ from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.lab.verbs.allan import ALLAN_FILES
 from fg_nav.lab.verbs.detect import DETECT_FILES
 from fg_nav.lab.verbs.simulate import FEET_FILES, SIMULATION_FILES
-from fg_nav.magnetic.quasi_static import DEFAULT, GATES
+from fg_nav.magnetic.detectors import DEFAULT, GATES
 from fg_nav.report.export import EXPORTS
 from fg_nav.report.folder import RESULT_FILES
 from fg_nav.samples import stamps
@@ -110,7 +110,7 @@ def test_parameters_have_the_values_that_the_page_tells() -> None:
 
 def test_what_is_mended_has_the_limits_of_the_code() -> None:
     text = (ROOT / "docs/formats.md").read_text(encoding="utf-8")
-    assert f"up to {recording.MAX_GAP_S:g} s kept" in text
+    assert f"up to {stamps.MAX_GAP_S:g} s kept" in text
     assert f"up to {stamps.MAX_BRIDGED_S:g} s bridged" in text
     assert f"above {100 * recording.MAX_MISSING_SHARE:g} % refused" in text
     assert f"fewer than {recording.MIN_SAMPLES} samples" in text

@@ -76,7 +76,6 @@ def test_what_is_no_place_is_refused(words):
         ((91.0, 0.0, TODAY), "latitude"),
         ((np.nan, 0.0, TODAY), "latitude"),
         ((0.0, 200.0, TODAY), "longitude"),
-        ((0.0, 0.0, TODAY, 1e7), "meters above sea"),
     ],
 )
 def test_a_place_off_the_earth_is_refused(where, words):

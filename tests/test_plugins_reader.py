@@ -11,7 +11,7 @@ from fg_nav.errors import FormatError, MagneticError, PluginError
 from fg_nav.io import FORMATS, read_raw
 from fg_nav.io.formats import list_formats
 from fg_nav.lab.field_survey import parse_detectors
-from fg_nav.magnetic.quasi_static import choose_gate, count_needed, find_gate
+from fg_nav.magnetic.detectors import choose_gate, count_needed, find_gate
 from fg_nav.plugins import find_plugins
 from tests.io.samples import tilting
 

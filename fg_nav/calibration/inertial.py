@@ -39,7 +39,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats, weigh_models
 from fg_nav.detection import Rest, RestParameters, find_rests
-from fg_nav.detection.handedness import LOOKED_S, find_stance_strides
+from fg_nav.detection.mount import LOOKED_S, find_stance_strides
 from fg_nav.detection.rest import MIN_SIGMA_DEG_S, find_still_stretches
 from fg_nav.detection.stance import Stances
 from fg_nav.errors import CalibrationError

@@ -91,14 +91,10 @@ def find_quantity(word: str) -> Quantity | None:
     return found[0] if found else None
 
 
-_OF_SOMETHING_ELSE = frozenset(
+_NO_TIMES = frozenset(
     {"deg", "rad", "degc", "c", "degf", "k", "f", "v", "mv", "a", "ma", "%", "pa", "hpa", "m", "mm", "cm", "km", "m/s"}
 )
-
-
-def is_of_something_else(word: str) -> bool:
-    """Return whether a unit is certainly none of time: that of another quantity, or of an angle or a temperature."""
-    return find_quantity(word) not in ("time", None) or _simplify(word).replace("\ufffd", "deg") in _OF_SOMETHING_ELSE
+"""Units that are certainly none of time."""
 
 
 def _simplify(word: str) -> str:
@@ -196,10 +192,11 @@ def read_header(name: str) -> Meaning | None:
     True
     """
     for stem, unit, is_certain in _readings(name):
-        words, axis = _split_axis(_split_words(stem))
+        words, axis = split_axis(split_words(stem))
         kind, said = _find_kind(words, axis), None if unit is None else find_quantity(unit)
         known = kind is not None and unit is not None and find_factor(_QUANTITIES[kind], unit) is not None
-        if kind == "time" and unit is not None and is_of_something_else(unit):
+        plain = "" if unit is None else _simplify(unit).replace("\ufffd", "deg")
+        if kind == "time" and (said not in ("time", None) or plain in _NO_TIMES):
             continue
         if kind is not None and (known or (is_certain and said in (None, "time"))):
             if kind == "time" and unit is None:
@@ -232,21 +229,15 @@ def _find_kind_of_unit(words: list[str], axis: str, quantity: Quantity | None, i
 def find_unit_kind(name: str) -> tuple[Quantity | None, str]:
     """Return of what the unit in brackets behind a name is one, and the unit; None where it is a statistic's."""
     bracketed = _BRACKETS.match(name)
-    if bracketed is None or not (_NOTHING - _RATES).isdisjoint(_split_words(bracketed[1])):
+    if bracketed is None or not (_NOTHING - _RATES).isdisjoint(split_words(bracketed[1])):
         return None, ""
     return find_quantity(bracketed[2]), bracketed[2]
 
 
 def find_kinds_in(name: str) -> set[Kind]:
     """Return what the words of a name, such as a file's, name."""
-    words = _split_words(name)
-    removed: set[Kind] = {"no gravity"} if not _NO_GRAVITY.isdisjoint(words) or "gravity" in words else set()
-    return _kinds_of(words) | removed
-
-
-def split_axis(name: str) -> str:
-    """Return the axis that a name names; empty where it names none."""
-    return _split_axis(_split_words(name))[1]
+    words = split_words(name)
+    return _kinds_of(words) | ({"no gravity"} if not (_NO_GRAVITY | {"gravity"}).isdisjoint(words) else set())
 
 
 def _readings(name: str) -> Iterator[tuple[str, str | None, bool]]:
@@ -264,7 +255,7 @@ def _readings(name: str) -> Iterator[tuple[str, str | None, bool]]:
     yield name, None, True
 
 
-def _split_words(name: str) -> list[str]:
+def split_words(name: str) -> list[str]:
     """Return the words of a name in lower case, pairs with one meaning joined."""
     words: list[str] = []
     name = re.sub(r"(?<=[A-Z])([xyz])(?![a-z])", r" \1", name)  # ACCx
@@ -286,7 +277,7 @@ def _split_words(name: str) -> list[str]:
     return joined
 
 
-def _split_axis(words: list[str]) -> tuple[list[str], str]:
+def split_axis(words: list[str]) -> tuple[list[str], str]:
     """Take the axis out of the words: the only x, y or z, else a number from 0 to 3 at the end."""
     axes = [word for word in words if word in ("x", "y", "z")]
     if len(axes) == 1:

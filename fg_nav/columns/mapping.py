@@ -141,47 +141,33 @@ def parse_columns(words: str, units: str | None = None) -> Columns:
         raise FormatError(
             "--units is for --columns that list all fields: write the units in brackets, acc=ax:ay:az[g]."
         )
-    starts = list(_PART.finditer(words))
-    if not starts or words[: starts[0].start()].strip():
+    before, *parts = _PART.split(words)
+    if before.strip() or not parts:
         raise FormatError(f"--columns '{words}' is no mapping: write it as {EXAMPLE}.")
     columns, unit_of = dict[Quantity, tuple[str, ...]](), dict[Quantity, str]()
-    for start, after in zip(starts, [*starts[1:], None], strict=True):
-        quantity = next(known for known in QUANTITIES if known == start[1].lower())
-        if quantity in columns:
-            raise FormatError(f"--columns names {quantity} twice: name the columns of one sensor.")
-        part = words[start.end() : after.start() if after else None]
+    for name, part in zip(parts[::2], parts[1::2], strict=True):
+        quantity = next(known for known in QUANTITIES if known == name.lower())
         bracketed = re.match(r"^(.*?)\s*\[([^\[\]]*)\]\s*$", part, re.DOTALL)
-        names = bracketed[1] if bracketed else part
-        columns[quantity] = tuple(name.strip() for name in names.split(":"))
-        if len(columns[quantity]) != len(QUANTITIES[quantity]) or not all(columns[quantity]):
+        own = tuple(word.strip() for word in (bracketed[1] if bracketed else part).split(":"))
+        if quantity in columns or len(own) != len(QUANTITIES[quantity]) or not all(own):
             count = "one column" if len(QUANTITIES[quantity]) == 1 else "three columns with : between"
-            raise FormatError(
-                f"--columns: {quantity} needs {count}, and '{names.strip()}' is not: write it as {EXAMPLE}."
-            )
+            raise FormatError(f"--columns: {quantity} needs {count}, once: write it as {EXAMPLE}.")
+        columns[quantity] = own
         if bracketed:
-            if find_factor(quantity, bracketed[2]) is None:
-                raise FormatError(
-                    f"--columns: there is no unit '{bracketed[2]}' of {quantity}: choose one of "
-                    f"{KNOWN_UNITS[quantity]}."
-                )
-            unit_of[quantity] = bracketed[2]
+            unit_of[quantity] = check_unit(quantity, bracketed[2])
     return Columns(columns, unit_of)
 
 
 def _parse_list(words: str, units: str | None) -> Columns:
-    given = [word.strip() for word in words.split(",")]
+    given, known = [word.strip() for word in words.split(",")], ",".join(SHORT)
     names = [SHORT.get(word, word) for word in given]
-    known = ",".join(SHORT)
     for word, name in zip(given, names, strict=True):
-        if name not in (*CANONICAL, PASSED_OVER):
+        if name not in (*CANONICAL, PASSED_OVER) or (name != PASSED_OVER and names.count(name) > 1):
             raise FormatError(
-                f"--columns has no '{word}': name those of a row, of {known}, and - for another, or write it as "
-                f"{EXAMPLE}."
+                f"--columns has '{word}' twice, or it is none of {known}: name each field of a row, - for another, or "
+                f"write it as {EXAMPLE}."
             )
-        if name != PASSED_OVER and names.count(name) > 1:
-            raise FormatError(f"--columns names '{word}' twice: one field is one quantity.")
-    has_mag = not set(MAG).isdisjoint(names)
-    optional = (*TIME, *PRESSURE, *(() if has_mag else MAG))
+    optional = (*TIME, *PRESSURE, *(MAG if set(MAG).isdisjoint(names) else ()))
     missing = [short for short, name in SHORT.items() if name not in (*names, *optional)]
     if missing:
         raise FormatError(
@@ -195,21 +181,27 @@ def _parse_list(words: str, units: str | None) -> Columns:
     return Columns(places, parse_units(units), width=len(names))
 
 
+def check_unit(quantity: Quantity, word: str) -> str:
+    """Return the word of a unit; raises `FormatError` if it is none of the quantity."""
+    if find_factor(quantity, word) is None:
+        raise FormatError(f"there is no unit '{word}' of {quantity}: choose one of {KNOWN_UNITS[quantity]}.")
+    return word
+
+
 def parse_units(words: str | None) -> dict[Quantity, str]:
     """Return the unit of each quantity from a list ("ms, g, deg/s"); raises `FormatError` if unknown or doubled."""
     units = dict[Quantity, str]()
     for word in (word.strip() for word in (words or "").split(",") if word.strip()):
         quantity = find_quantity(word)
-        if quantity is None:
-            raise FormatError(f"there is no unit '{word}': choose of {', '.join(KNOWN_UNITS.values())}.")
-        if quantity in units:
-            raise FormatError(f"there are two units of one quantity, '{units[quantity]}' and '{word}': give one.")
+        if quantity is None or quantity in units:
+            known = ", ".join(KNOWN_UNITS.values())
+            raise FormatError(f"'{word}' is no unit, or there are two units of its quantity: choose of {known}.")
         units[quantity] = word
     return units
 
 
 def _find_name(word: str, names: Sequence[str], source: str) -> int:
-    """Return the index of the column given by its name, or by its number from 1."""
+    """Return the index of the column given by its name, in any case and without its unit, or by its number from 1."""
     without_unit = re.compile(r"\s*[(\[][^()\[\]]*[)\]]\s*$")
     for simplify in (str, lambda name: without_unit.sub("", name).strip().casefold()):
         found = [position for position, name in enumerate(names) if simplify(name) == simplify(word)]
@@ -266,6 +258,10 @@ class Hints:
         """Return what to type; what the user is to say stands in capitals, and what is left out the names say."""
         return f'as {self.command} "{mapping}"'
 
+    def ask(self, words: str, mapping: str, otherwise: str = "") -> FormatError:
+        """Return the error that says what a table leaves open, and what to type."""
+        return FormatError(f"{self.name}{words}, {self.suggest(mapping)}{otherwise}.")
+
 
 def choose_columns(
     names: Sequence[str], hints: Hints, sensor: str | None = None, given: Columns | None = None, has_rate: bool = False
@@ -302,7 +298,7 @@ def choose_columns(
         sign = -1.0 if any("user" in m.stem.split() for p, m in meanings if p in free[0].positions) else 1.0
         acc = Channel(positions, both, free[0].unit or gravity[0].unit, (sign, sign))
     if acc is None or gyr is None:
-        raise FormatError(_say_missing("acc" if acc is None else "gyr", meanings, names, hints))
+        raise _ask_missing("acc" if acc is None else "gyr", meanings, names, hints)
     time = known.get("time") or choose_clock(meanings, names, hints)
     counters = [k for k, meaning in meanings if meaning.kind == "counter"] if time is None else []
     counter = Channel((counters[0],), (names[counters[0]],)) if counters else None
@@ -363,10 +359,8 @@ def _choose_triad(
     doubled = [names[k] for k, m in meanings if m.kind == kind and said.count((m.stem, m.axis)) > 1]
     if len(triads) > 1 or (doubled and not triads):
         candidates = doubled or [name for triad in triads for name in triad.names]
-        raise FormatError(
-            f"{hints.name} has more than one {_LONG[kind]} ({shorten_names(candidates, 12)}): say which, "
-            f"{hints.suggest(f'{kind}=NAME:NAME:NAME')}{hints.sensor}."
-        )
+        words = f" has more than one {_LONG[kind]} ({shorten_names(candidates, 12)}): say which"
+        raise hints.ask(words, f"{kind}=NAME:NAME:NAME", hints.sensor)
     return triads[0] if triads else None
 
 
@@ -389,8 +383,8 @@ def find_triads(kind: Kind, meanings: Meanings, names: Sequence[str]) -> list[Ch
 def find_three_by_unit(kind: Quantity, names: Sequence[str], known: Mapping[Quantity, Channel] = NONE) -> list[Channel]:
     """Find the only three columns with a unit of a quantity, such as roll, pitch and yaw rate: x, y and z in order."""
     used = {position for channel in known.values() for position in channel.positions}
-    own = [k for k, name in enumerate(names) if k not in used and find_unit_kind(name)[0] == kind]
-    units = {find_unit_kind(names[k])[1] for k in own}
+    found = [(k, *find_unit_kind(name)) for k, name in enumerate(names) if k not in used]
+    own, units = [k for k, what, _ in found if what == kind], {unit for _, what, unit in found if what == kind}
     if len(own) != 3 or len(units) != 1 or kind not in ("acc", "gyr"):
         return []
     return [Channel(tuple(own), tuple(names[k] for k in own), units.pop())]
@@ -417,23 +411,21 @@ def choose_clock(meanings: Meanings, names: Sequence[str], hints: Hints | None =
         )
     channels = [Channel((k,), (names[k],), meaning.unit) for k, meaning in own]
     if len(channels) > 1 and hints is not None:
-        raise FormatError(
-            f"{hints.name} has more than one time ({shorten_names([names[k] for k, _ in own])}): say which, "
-            f"{hints.suggest('time=NAME')}."
-        )
+        words = f" has more than one time ({shorten_names([names[k] for k, _ in own])}): say which"
+        raise hints.ask(words, "time=NAME")
     return channels[0]
 
 
-def _say_missing(missing: Quantity, meanings: Meanings, names: Sequence[str], hints: Hints) -> str:
-    """Return an error sentence: the quantity that is missing, and the columns that are there."""
-    if missing == "acc" and any(meaning.kind == "no gravity" for _, meaning in meanings):
-        removed = shorten_names([names[at] for at, meaning in meanings if meaning.kind == "no gravity"], 3)
-        return (
-            f"{hints.name} holds acceleration without gravity ({removed}), of which no path can be had: "
-            f"export the accelerometer's own readings, or gravity in columns of its own."
+def _ask_missing(missing: Quantity, meanings: Meanings, names: Sequence[str], hints: Hints) -> FormatError:
+    """Return the error that names the quantity that is missing, and the columns that are there."""
+    removed = [names[at] for at, meaning in meanings if meaning.kind == "no gravity"]
+    if missing == "acc" and removed:
+        return FormatError(
+            f"{hints.name} holds acceleration without gravity ({shorten_names(removed, 3)}), of which no path can be "
+            f"had: export the accelerometer's own readings, or gravity in columns of its own."
         )
     some = [names[position] for position, meaning in meanings if meaning.kind == missing]
     what = f"has not all three axes of {_LONG[missing]}, only {shorten_names(some)}"
     if not some:
         what = f"has no column for {_LONG[missing]} among {shorten_names(names, 12)}"
-    return f"{hints.name} {what}: name the columns, {hints.suggest(f'{missing}=NAME:NAME:NAME[UNIT]')}."
+    return hints.ask(f" {what}: name the columns", f"{missing}=NAME:NAME:NAME[UNIT]")

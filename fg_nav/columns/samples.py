@@ -34,6 +34,7 @@ from fg_nav.columns.mapping import (
     ColumnMap,
     Columns,
     Hints,
+    check_unit,
     choose_columns,
     parse_columns,
     parse_units,
@@ -109,11 +110,9 @@ def convert_samples(values: Floats, columns: ColumnMap, rate_hz: float | None, h
         peak = float(np.abs(gyr[np.isfinite(gyr).all(axis=1)]).max(initial=-1.0))
         peak = peak if peak >= 0.0 else np.nan
         if judged is None:
-            raise FormatError(
-                f"{hints.name}: gyr ('{columns.gyr.names[0]}' ..., peak {peak:.4g}) names no unit, and its samples "
-                f"show none: say it (deg/s, rad/s, mdeg/s or as 1/16.4 deg/s), "
-                f"{hints.suggest(write_mapping(columns, gyr='UNIT'))}."
-            )
+            words = f"gyr ('{columns.gyr.names[0]}' ..., peak {peak:.4g}) names no unit, and its samples show none"
+            units = "deg/s, rad/s, mdeg/s or as 1/16.4 deg/s"
+            raise hints.ask(f": {words}: say it ({units})", write_mapping(columns, gyr="UNIT"))
         notes.append(f"gyr is taken for {judged}, by its peak of {peak:.4g} next to acc")
     gyr = _scale(gyr, "gyr", columns.gyr, said or judged or "", hints)
     field = None if columns.mag is None else _convert_mag(mag, columns.mag, hints, notes)
@@ -145,9 +144,9 @@ def convert_pressure(values: Floats, channel: Channel, notes: list[str]) -> Floa
 def _scale(values: Floats, quantity: Quantity, channel: Channel, unit: str, hints: Hints) -> Floats:
     factor = find_factor(quantity, unit)
     if factor is None:
+        known = f"write one of {KNOWN_UNITS[quantity]}"
         raise FormatError(
-            f"{hints.name}: column '{channel.names[0]}' has the unit '{unit}', which is not known: "
-            f"write one of {KNOWN_UNITS[quantity]}."
+            f"{hints.name}: column '{channel.names[0]}' has the unit '{unit}', which is not known: {known}."
         )
     with np.errstate(over="ignore", invalid="ignore"):  # nonsense numbers are found as such later
         return np.ascontiguousarray(values * factor)
@@ -160,10 +159,8 @@ def _make_time(
         raise FormatError(f"a rate of {rate_hz:g} Hz is none: give samples a second.")
     if columns.time is not None:
         if rate_hz is not None:
-            raise FormatError(
-                f"{hints.name} has stamps, '{columns.time.names[0]}': leave the rate out, or name the columns to use "
-                f"without time."
-            )
+            words = f"{hints.name} has stamps, '{columns.time.names[0]}'"
+            raise FormatError(f"{words}: leave the rate out, or name the columns to use without time.")
         return _convert_time(clock[:, 0], acc, gyr, columns, columns.time, hints, notes)
     if rate_hz is None:
         counted = f" but '{columns.counter.names[0]}', which counts samples" if columns.counter else ""
@@ -215,11 +212,9 @@ def _convert_time(
         counts = _counts_samples(finite) and bool((finite == np.round(finite)).all())
         if unit is None or (counts and (np.isnan(turning_s[0]) or unit not in ("s", "ms", "us", "ns"))):
             how = "rises by ones" if counts else f"steps by {period:.6g}"
-            raise FormatError(
-                f"{hints.name}: column '{channel.names[0]}' {how} and names no unit, and its samples show none: it "
-                f"counts samples, or say the unit, {hints.suggest(write_mapping(columns, time='UNIT'))}, or name the "
-                f"columns without time and give {hints.rate}."
-            )
+            words = f"column '{channel.names[0]}' {how} and names no unit, and its samples show none"
+            otherwise = f", or name the columns without time, if it counts samples, and give {hints.rate}"
+            raise hints.ask(f": {words}: say it", write_mapping(columns, time="UNIT"), otherwise)
         if unit != "s":
             shown = "by their step" if np.isnan(turning_s[0]) else "as gravity turns and by their step"
             notes.append(f"the stamps '{channel.names[0]}' are taken for {unit}, {shown} of {period:.6g}")
@@ -257,22 +252,18 @@ def _judge_acc(acc: Floats, gyr: Floats, period_s: float, columns: ColumnMap, hi
         return unit
     if rest > _COUNTS_AT_REST:
         full = write_mapping(columns, acc=f"1/{2 ** round(np.log2(rest))} g", gyr="UNIT")
-        raise FormatError(
-            f"{hints.name}: acc is {rest:.5g} at rest, so it counts steps of a converter: say how much one is (of gyr "
-            f"as 1/16.4 deg/s), {hints.suggest(full)}."
-        )
+        words = f": acc is {rest:.5g} at rest, so it counts steps of a converter: say how much one is"
+        raise hints.ask(f"{words} (of gyr as 1/16.4 deg/s)", full)
     turned = plausibility.find_acc_unit(gyr, period_s)
     if turned is not None:
         exchanged = replace(columns, acc=replace(columns.gyr, unit=turned), gyr=columns.acc)
-        raise FormatError(
-            f"{hints.name}: the columns called {', '.join(columns.gyr.names)} measure gravity "
-            f"({plausibility.measure_rest_acc(gyr, period_s):.4g} at rest), and {', '.join(columns.acc.names)} do not: "
-            f"say so, {hints.suggest(write_mapping(exchanged, gyr='UNIT'))}."
-        )
+        words = f"the columns called {', '.join(columns.gyr.names)} measure gravity"
+        words += f" ({plausibility.measure_rest_acc(gyr, period_s):.4g} at rest), and {', '.join(columns.acc.names)} do"
+        raise hints.ask(f": {words} not: say so", write_mapping(exchanged, gyr="UNIT"))
     problem = plausibility.find_acc_problem(acc, period_s)
     if problem is None or "removed" not in problem:
-        words = hints.suggest(write_mapping(columns, acc="UNIT"))
-        problem = f"acc is {rest:.4g} at rest and names no unit: say it, {words}"
+        words = f": acc is {rest:.4g} at rest and names no unit: say it"
+        raise hints.ask(words, write_mapping(columns, acc="UNIT"))
     raise FormatError(f"{hints.name}: {problem}.")
 
 
@@ -344,10 +335,8 @@ def convert_frame(frame: pd.DataFrame, columns: ColumnNames, units: Units, rate_
         for quantity, own in columns.items():
             words[quantity] = (own,) if isinstance(own, str) else tuple(map(str, own))
             if quantity not in QUANTITIES or len(words[quantity]) != len(QUANTITIES[quantity]):
-                raise FormatError(
-                    f"columns of '{quantity}' are {words[quantity]}: give time and pressure one, acc, gyr and mag "
-                    f"three."
-                )
+                counts = "time and pressure one, acc, gyr and mag three"
+                raise FormatError(f"columns of '{quantity}' are {words[quantity]}: give {counts}.")
         given = Columns(words, {})
     found = choose_columns(names, _FRAME, given=given, has_rate=rate_hz is not None)
     for quantity, unit in _read_units(units).items():
@@ -367,8 +356,7 @@ def _read_units(units: Units) -> dict[Quantity, str]:
     for quantity, word in units.items():
         if quantity not in QUANTITIES:
             raise FormatError(f"units name '{quantity}': choose of {', '.join(QUANTITIES)}.")
-        if find_factor(quantity, word) is None:
-            raise FormatError(f"there is no unit '{word}' of {quantity}: choose one of {KNOWN_UNITS[quantity]}.")
+        check_unit(quantity, word)
     return dict(units)
 
 

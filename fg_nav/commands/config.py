@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Strict, ValidationError
 from fg_nav.detection import StanceParameters
 from fg_nav.errors import ConfigError, describe_reason
 from fg_nav.estimators import CARD, CARD_CHANGES, Method, find_method, find_parameters, name_owners
-from fg_nav.magnetic.quasi_static import DEFAULT
+from fg_nav.magnetic.detectors import DEFAULT
 from fg_nav.report.terminal import remark
 from fg_nav.text import (
     DETECTOR,

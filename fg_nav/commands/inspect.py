@@ -12,7 +12,7 @@ import numpy as np
 
 from fg_nav.commands.requests import InspectRequest
 from fg_nav.commands.shared import Answer, answer_each, choose_reading, refuse_misfits, show_number
-from fg_nav.detection.handedness import NO_EVIDENCE, SUSPECT, AxesEvidence
+from fg_nav.detection.mount import NO_EVIDENCE, SUSPECT, AxesEvidence
 from fg_nav.errors import RecordingError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.inspection import Inspection, Range

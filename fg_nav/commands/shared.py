@@ -158,7 +158,7 @@ def refuse_misfits(request: Request, methods: Sequence[Method] = (), recordings:
 def choose_options(request: SensorOptions) -> Options:
     """Return the options of a walk; refuse an unknown preset or gate."""
     from fg_nav.magnetic.axes import MagAxes
-    from fg_nav.magnetic.quasi_static import choose_gate
+    from fg_nav.magnetic.detectors import choose_gate
     from fg_nav.walk import Options
 
     options = Options(

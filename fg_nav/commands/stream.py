@@ -28,7 +28,7 @@ from fg_nav.online.estimates import POLISHED, SMOOTHED, SensorTime, format_table
 from fg_nav.online.feet import FeetNavigator
 from fg_nav.online.follow import ENDING, FollowedWalk, Sensor, StreamOptions, follow
 from fg_nav.online.navigator import finish_walk
-from fg_nav.online.pocket import Navigator, PocketOptions, compute_stride_headings
+from fg_nav.online.pocket import Navigator, compute_stride_headings
 from fg_nav.online.record import Record
 from fg_nav.online.rows import parse_columns
 from fg_nav.online.sources import open_samples
@@ -120,25 +120,22 @@ def read_stream_options(request: StreamRequest, calibration_path: Path | None) -
     """Turn a request into stream options, reading the files it names; raises `FgNavError` if an option is invalid."""
     options = choose_options(request)
     calibration = None if calibration_path is None else read_calibration(calibration_path)
-    axes_given = options.mag_axes is not None
-    online: OnlineOptions | PocketOptions
-    if request.mount == "pocket":
-        online = PocketOptions(options.heading_rad, options.use_magnetometer, request.step_constant, axes_given)
-    else:
-        lag_s = _check_positive(request.lag, "--lag")
-        if lag_s is not None and lag_s < MIN_LAG_S:
-            raise EstimationError(f"a lag of {lag_s:g} s is too short: give {MIN_LAG_S:g} or more.")
-        if lag_s is not None and request.polish:
-            raise EstimationError("with --lag the samples are discarded, so there is no --polish: give one of the two.")
-        online = OnlineOptions(
-            heading_rad=options.heading_rad,
-            use_field=options.use_magnetometer,
-            lag_s=lag_s,
-            parameters=choose_parameters(options, calibration),
-            axes_given=axes_given,
-            fixes=() if request.fixes is None else read_fixes(request.fixes),
-            calibration=None if calibration is None else calibration.magnetometer,
-        )
+    lag_s = _check_positive(request.lag, "--lag")
+    if lag_s is not None and lag_s < MIN_LAG_S:
+        raise EstimationError(f"a lag of {lag_s:g} s is too short: give {MIN_LAG_S:g} or more.")
+    if lag_s is not None and request.polish:
+        raise EstimationError("with --lag the samples are discarded, so there is no --polish: give one of the two.")
+    online = OnlineOptions(
+        mount="pocket" if request.mount == "pocket" else "foot",
+        heading_rad=options.heading_rad,
+        use_field=options.use_magnetometer,
+        lag_s=lag_s,
+        parameters=choose_parameters(options, calibration),
+        axes_given=options.mag_axes is not None,
+        fixes=() if request.fixes is None else read_fixes(request.fixes),
+        calibration=None if calibration is None else calibration.magnetometer,
+        step_constant_m=request.step_constant,
+    )
     return StreamOptions(
         online=online,
         until_silent_s=_check_positive(request.silence, "--silence"),
@@ -315,11 +312,14 @@ def prepare_stream(sensor: Sensor, navigator: Navigator) -> Walk:
     # Options only: the samples were already mapped to these axes and corrected on arrival.
     axes = MagAxes(np.eye(3)) if asked.axes_given else None
     heading_deg = None if asked.heading_rad is None else float(np.degrees(asked.heading_rad))
-    options = Options(use_magnetometer=asked.use_field, heading_deg=heading_deg, mag_axes=axes)
-    if isinstance(asked, PocketOptions):
-        options = replace(options, mount="pocket", step_constant_m=asked.step_constant_m)
-    else:
-        options = replace(options, gate=asked.parameters.magnetic.gate)
+    options = Options(
+        use_magnetometer=asked.use_field,
+        heading_deg=heading_deg,
+        mag_axes=axes,
+        gate=asked.parameters.magnetic.gate,
+        mount=asked.mount,
+        step_constant_m=asked.step_constant_m,
+    )
     applied = () if given.calibration is None else given.calibration.corrects(recording.mag is not None)
     prepared = prepare_walk(replace(Walk.of(recording, options, given.calibration), applied=applied))
     return replace(prepared, options=replace(prepared.options, mag_axes=given.mag_axes))

@@ -11,14 +11,10 @@ a window of the last `window_s` that slides on by `step_s`:
 
 Steps are counted in samples from the first one, so it does not matter how the samples come in blocks. The work and the
 memory for each sample are the same however long the walk is.
-
-`Sliding` holds the last samples of a stream, in order and in one piece of memory: rows are counted from the first that
-was ever appended, and at least the last `keep` of them are there.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
@@ -90,8 +86,7 @@ class CausalStances:
         if p.detector != "shoe" or p.threshold is not None or p.false_alarm_rate is not None:
             raise DetectionError("a stream is searched with shoe and automatic thresholds: leave both as they are.")
         self._p = parameters
-        self._waiting: deque[tuple[Floats, Floats, Floats]] = deque()
-        self._n_waiting = 0
+        self._waiting = np.empty((0, 7))  # stamps, specific forces and rates that no search has seen yet
         self._search: _Search | None = None
 
     def push(self, t: Floats, acc: Floats, gyr: Floats) -> list[Footfall]:
@@ -103,10 +98,9 @@ class CausalStances:
 
         `t` (n,) s, `acc` (n, 3) m/s^2, `gyr` (n, 3) rad/s: finite, stamps increasing from call to call; n may be 0.
         """
-        self._waiting.append((t, acc, gyr))
-        self._n_waiting += len(t)
-        while self._n_waiting >= (size := FIRST_SAMPLES if self._search is None else self._search.step):
-            yield from self._started_search().advance(*self._take(size))
+        self._waiting = np.concatenate([self._waiting, np.column_stack([t, acc, gyr])])
+        while len(self._waiting) >= (size := FIRST_SAMPLES if self._search is None else self._search.step):
+            yield from self._advance(size)
 
     @property
     def seen(self) -> Seen | None:
@@ -115,40 +109,28 @@ class CausalStances:
 
     def finish(self) -> list[Footfall]:
         """Return the footfalls left at the end of the stream; `push` no more after it."""
-        if self._search is None and self._n_waiting < 2:
+        if self._search is None and len(self._waiting) < 2:
             return []
-        return self._started_search().advance(*self._take(self._n_waiting), at_end=True)
+        return self._advance(len(self._waiting), at_end=True)
 
     @property
     def stands(self) -> bool:
         """Whether the foot stands at the last samples."""
         return self._search is not None and self._search.stands
 
-    def _started_search(self) -> _Search:
-        """Return the search, created at the first call with the median period of the first samples."""
+    def _advance(self, size: int, at_end: bool = False) -> list[Footfall]:
+        """Search with the first `size` samples that wait; the first of all have the median period of the samples."""
         if self._search is None:
-            t = np.concatenate([block[0] for block in self._waiting])[:FIRST_SAMPLES]
-            self._search = _Search(float(np.median(np.diff(t))), self._p)
-        return self._search
-
-    def _take(self, size: int) -> tuple[Floats, Floats, Floats]:
-        """Remove the first `size` queued samples; return stamps (n,), specific force (n, 3) and rate (n, 3)."""
-        taken, lacking = [(np.empty(0), np.empty((0, 3)), np.empty((0, 3)))], size
-        while lacking:
-            block = self._waiting.popleft()
-            if len(block[0]) > lacking:
-                t, acc, gyr = block
-                self._waiting.appendleft((t[lacking:], acc[lacking:], gyr[lacking:]))
-                block = t[:lacking], acc[:lacking], gyr[:lacking]
-            taken.append(block)
-            lacking -= len(block[0])
-        self._n_waiting -= size
-        t, acc, gyr = (np.concatenate(part) for part in zip(*taken, strict=True))
-        return t, acc, gyr
+            self._search = _Search(float(np.median(np.diff(self._waiting[:FIRST_SAMPLES, 0]))), self._p)
+        rows, self._waiting = self._waiting[:size], self._waiting[size:]
+        return self._search.advance(rows, at_end)
 
 
 class _Search:
-    """Search in a sliding window, advanced by `step` samples at a time."""
+    """Search in a sliding window, advanced by `step` samples at a time.
+
+    Samples are counted from the first of the stream; of each column the last `_keep` rows are there, from `_first` on.
+    """
 
     def __init__(self, period_s: float, p: CausalParameters) -> None:
         self.period_s, self._p = period_s, p
@@ -156,51 +138,61 @@ class _Search:
         samples = (max(least, round(seconds / period_s)) for seconds, least in lengths)
         self.step, self._shoe_window, self._window, self._settle, self._edge = samples
         self._reach = self._shoe_window - 1 - self._shoe_window // 2
-        keep = self._window + self.step + 4 * self._shoe_window + FIRST_SAMPLES
-        self._t, self._level = Sliding(keep), Sliding(keep)
-        self._acc, self._gyr = Sliding(keep, (3,)), Sliding(keep, (3,))
+        self._keep, self._first = self._window + self.step + 4 * self._shoe_window + FIRST_SAMPLES, 0
+        self._t, self._level = np.empty(0), np.empty(0)
+        self._acc, self._gyr = np.empty((0, 3)), np.empty((0, 3))
         self._passes = [StrapdownPass(link.still_level, MAX_GAP_S) for link in (WALKING, ROUGH)]
-        self._velocity = [Sliding(keep, (3,)) for _ in self._passes]
+        self._velocity = [np.empty((0, 3)) for _ in self._passes]
         self._reported, self._stands, self._last_end = 0, False, 0
         self.seen: Seen | None = None
 
     @property
     def stands(self) -> bool:
         """Whether the last interval found reaches to the last sample, or a standing goes on."""
-        stop = self._level.stop
+        stop = self._first + len(self._level)
         return self._last_end > stop - self.step or (self._stands and not self._has_swung(self._reported, stop))
 
-    def advance(self, t: Floats, acc: Floats, gyr: Floats, at_end: bool = False) -> list[Footfall]:
-        """Add samples, search the window, and return the footfalls that are now final; at the end of the stream all."""
-        for column, rows in ((self._t, t), (self._acc, acc), (self._gyr, gyr)):
-            column.append(rows)
+    def advance(self, rows: Floats, at_end: bool) -> list[Footfall]:
+        """Add samples (n, 7), search the window, and return the footfalls that are now final; at the end all."""
+        # the columns, without what no search needs any more
+        gone = max(len(self._level) - self._keep, 0)
+        self._first += gone
+        self._t = np.concatenate([self._t[gone:], rows[:, 0]])
+        self._acc = np.concatenate([self._acc[gone:], rows[:, 1:4]])
+        self._gyr = np.concatenate([self._gyr[gone:], rows[:, 4:7]])
+        self._level, self._velocity = self._level[gone:], [column[gone:] for column in self._velocity]
+        # log10 SHOE and free velocities, up to half a window before the last sample
         if at_end:
-            last = self._t.between(self._t.stop - 1, self._t.stop) + self.period_s
-            self._extend(self._t.stop, last)
+            self._extend(len(self._t), self._t[-1:] + self.period_s)
             return list(self._settled(at_end=True))
-        if self._t.stop * self.period_s < self._p.warm_up_s:
+        if (self._first + len(self._t)) * self.period_s < self._p.warm_up_s:
             return []
-        self._extend(self._t.stop - self._reach)
+        self._extend(len(self._t) - self._reach)
         return list(self._settled(at_end=False))
 
     def _extend(self, stop: int, after_last: Floats | None = None) -> None:
-        """Append log10 SHOE and free velocities up to sample `stop`; `after_last` (1,) s ends the last period."""
-        known = self._level.stop
+        """Append log10 SHOE and free velocities up to row `stop`; `after_last` (1,) s ends the last period."""
+        known = len(self._level)
         if stop <= known:
             return
-        first = max(0, known - self._shoe_window)
-        acc, gyr = self._acc.between(first, self._t.stop), self._gyr.between(first, self._t.stop)
-        statistic = shoe(acc, gyr, self._shoe_window)
-        self._level.append(np.log10(statistic[known - first : stop - first] + 1e-3))
-        t = self._t.between(known, min(stop + 1, self._t.stop))
-        t = t if after_last is None else np.append(t, after_last)
-        new = (self._acc.between(known, stop), self._gyr.between(known, stop), self._level.between(known, stop))
-        for free, velocity in zip(self._passes, self._velocity, strict=True):
-            velocity.append(free.velocity(t, *new))
+        first, new = max(0, known - self._shoe_window), slice(known, stop)
+        level = np.log10(
+            shoe(self._acc[first:], self._gyr[first:], self._shoe_window)[known - first : stop - first] + 1e-3
+        )
+        t = self._t[known : stop + 1] if after_last is None else np.append(self._t[known:], after_last)
+        self._level = np.concatenate([self._level, level])
+        self._velocity = [
+            np.concatenate([velocity, free.velocity(t, self._acc[new], self._gyr[new], level)])
+            for free, velocity in zip(self._passes, self._velocity, strict=True)
+        ]
+
+    def _part(self, column: Floats, start: int, stop: int) -> Floats:
+        """Rows of a column that are still there, by their numbers since the beginning of the stream."""
+        return column[max(start - self._first, 0) : stop - self._first]
 
     def _settled(self, at_end: bool) -> Iterator[Footfall]:
         """Yield the final footfalls: with a swing after them, or at the end; of a long standing the piece until now."""
-        stop = self._level.stop
+        stop = self._first + len(self._level)
         for start, end, threshold in self._footfalls(stop):
             if at_end or (stop - end[-1] >= self._settle and self._is_apart(int(end[-1]), stop)):
                 yield self._report(start, end, threshold, int(end[-1]), stands=False)
@@ -213,9 +205,8 @@ class _Search:
 
     def _footfalls(self, stop: int) -> list[tuple[Ints, Ints, Floats]]:
         """Search up to `stop`; return start, stop, log10 threshold (k,) of each footfall not yet reported."""
-        first = max(0, stop - self._window)
-        t, acc, gyr, level = (x.between(first, stop) for x in (self._t, self._acc, self._gyr, self._level))
-        velocity = [column.between(first, stop) for column in self._velocity]
+        first, columns = max(0, stop - self._window), (self._t, self._acc, self._gyr, self._level, *self._velocity)
+        t, acc, gyr, level, *velocity = (self._part(column, first, stop) for column in columns)
         found = find_footfalls(t, acc, gyr, level, velocity)
         self.seen = Seen(first, stop, found[0] + first, found[1] + first)
         # cut off, or leave out, what was reported or is too close to that; leave out what is too short
@@ -237,25 +228,25 @@ class _Search:
     def _follows_too_soon(self, start: int, stop: int) -> bool:
         """Whether the samples `start <= i < stop`, no rest, follow the last footfall without a swing between."""
         last = self._reported - 1  # sample of that footfall
-        is_rest = self._level.between(start, stop).min(initial=np.inf) <= REST_LEVEL
+        is_rest = self._part(self._level, start, stop).min(initial=np.inf) <= REST_LEVEL
         if self._reported == 0 or start <= last or is_rest:
             return False
-        t, gyr = self._t.between(last, start + 1), self._gyr.between(last, start + 1)
+        t, gyr = self._part(self._t, last, start + 1), self._part(self._gyr, last, start + 1)
         return bool(t[-1] - t[0] < MIN_SWING_S) and is_too_close(t, gyr, 1, start - last)
 
     def _has_swung(self, start: int, stop: int) -> bool:
         """Whether the foot turns as in a swing in the samples `start <= i < stop`."""
-        rate = np.linalg.norm(self._gyr.between(start, stop), axis=1)
+        rate = np.linalg.norm(self._part(self._gyr, start, stop), axis=1)
         return bool(rate.max(initial=0.0) > SWING_RATE_RAD_S)
 
     def _is_apart(self, end: int, stop: int) -> bool:
         """Whether the foot swings from the end of an interval to the sample `stop`, or samples are missing."""
-        return self._has_swung(end, stop) or len(find_holes(self._t.between(end - 1, min(stop + 1, self._t.stop)))) > 0
+        return self._has_swung(end, stop) or len(find_holes(self._part(self._t, end - 1, stop + 1))) > 0
 
     def _report(self, start: Ints, stop: Ints, threshold: Floats, until: int, stands: bool) -> Footfall:
         """Return the footfall of these intervals; mark samples before `until` reported, `stands` if it goes on."""
         continues = self._stands and not self._is_apart(self._reported, int(start[0]))
-        relative = [self._level.between(a, b) - x for a, b, x in zip(start, stop, threshold, strict=True)]
+        relative = [self._part(self._level, a, b) - x for a, b, x in zip(start, stop, threshold, strict=True)]
         k = int(np.argmin([part.min() for part in relative]))
         stillest = int(start[k] + np.argmin(relative[k]))
         self._reported, self._stands = until, stands
@@ -274,34 +265,3 @@ def join_footfalls(footfalls: Sequence[Footfall], n_samples: int) -> Stances:
     return Stances(
         np.delete(start, joined + 1), np.delete(stop, joined), np.delete(footfall, joined), n_samples, "shoe", threshold
     )
-
-
-class Sliding:
-    """The last rows of a stream, by their numbers since its beginning; `shape` of a row, `stop` the number so far."""
-
-    def __init__(self, keep: int, shape: tuple[int, ...] = ()) -> None:
-        self._keep = keep
-        self._rows = np.empty((0, *shape))  # memory is taken when rows come
-        self._first = 0
-        self.stop = 0
-
-    def append(self, rows: Floats) -> None:
-        """Append rows (n, ...)."""
-        used = self.stop - self._first
-        if used + len(rows) > len(self._rows):
-            kept = min(self._keep, used)
-            size = max(2 * self._keep, kept + len(rows))
-            fresh = np.empty((size, *self._rows.shape[1:]))
-            fresh[:kept] = self._rows[used - kept : used]
-            self._rows, self._first, used = fresh, self.stop - kept, kept
-        self._rows[used : used + len(rows)] = rows
-        self.stop += len(rows)
-
-    def between(self, start: int, stop: int) -> Floats:
-        """Return the rows `start <= i < stop` as a view that is good until the next `append`.
-
-        Raises `IndexError` if they are no longer there, or not yet.
-        """
-        if not self._first <= start <= stop <= self.stop:
-            raise IndexError(f"rows {start} to {stop} are not among {self._first} to {self.stop}")
-        return self._rows[start - self._first : stop - self._first]

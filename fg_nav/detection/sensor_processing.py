@@ -20,7 +20,7 @@ Delay of the gyroscope behind the accelerometer of the same foot, by a filter in
 stamps their samples apart. In a swing 20 ms are 9 deg of tilt at 8 rad/s, and 4 per cent of the length. Between two
 instants in which the foot stands, strapdown from rest ends at rest, with up as measured, if and only if both sensors
 read at one time. With the rate read at t + tau, r_k = (v_k / s_v, (up_k - up) / s_u) at the end of stride k
-(`fg_nav.detection.handedness`) and the biases b of both sensors, with their priors, as further unknowns,
+(`fg_nav.detection.mount`) and the biases b of both sensors, with their priors, as further unknowns,
 
     r(tau, b) -> least by Gauss-Newton with robust weights 1 / (1 + |r_k|^2 / 4),
 
@@ -38,7 +38,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints, interpolate_columns
-from fg_nav.detection.handedness import DECISIVE, LOOKED_S, average_force, find_stance_strides, find_strides_of
+from fg_nav.detection.mount import DECISIVE, LOOKED_S, average_force, find_stance_strides, find_strides_of
 from fg_nav.detection.rest import remove_large_bias
 from fg_nav.detection.stance import Stances
 from fg_nav.errors import RecordingError

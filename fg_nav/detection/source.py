@@ -17,7 +17,7 @@ while they walk, over 100 while they stand, and 1.8 to 6 where one sends two for
 Where a sensor is worn is found as in a recording (`fg_nav.detection.mount`), as soon as it is clear. None of 63 real
 recordings of feet is refused by either.
 
-Whether its sensors have the same, right-handed axes is measured in strides (`detection.handedness`), in blocks of
+Whether its sensors have the same, right-handed axes is measured in strides (`detection.mount`), in blocks of
 `BLOCK_S`, until `MIN_AXES_STRIDES` of them show the axes that were given, or `MAX_STRIDES` are there.
 """
 
@@ -28,16 +28,17 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.detection.handedness import (
+from fg_nav.detection.mount import (
     DECISIVE,
     MAX_STRIDES,
     NO_EVIDENCE,
     NO_SWINGS,
     SWINGS_S,
+    Wearing,
     measure_axes,
     measure_swing_axes,
+    measure_turning,
 )
-from fg_nav.detection.mount import Wearing, measure_turning
 from fg_nav.errors import EstimationError, RecordingError, StreamError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording

@@ -57,8 +57,7 @@ from fg_nav.ekf.measurements import AGREEMENT, COURSE, PseudoMeasurements, make_
 from fg_nav.ekf.rts import Track
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic import Detector, FieldVerdicts, FootfallField
-from fg_nav.magnetic.detectors import OFFSET
-from fg_nav.magnetic.quasi_static import TOO_LITTLE, judge_field
+from fg_nav.magnetic.detectors import OFFSET, TOO_LITTLE, judge_field
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
 from fg_nav.text import format_ratio

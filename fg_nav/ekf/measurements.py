@@ -6,7 +6,7 @@ point about which it rolls. With the angular rate w, both in nav,
     v = w x l + noise,    l = (0, 0, height) + unknown part.
 
 v = 0 makes strides too short, in the median by 2 % on motion-captured walks. The height is the mean lever, or the lever
-is given in the body frame (`fg_nav.detection.rolling_lever`). The unknown part is noise, constant for a while, of
+is given in the body frame (`fg_nav.detection.rest`). The unknown part is noise, constant for a while, of
 density sigma |w| sqrt(2 tau), with a small floor at rest. A foot whose specific force f is not gravity has begun to
 move: the velocity has the further standard deviation unsteady | |f| - g |, again as a density. H leaves out how
 attitude and gyro bias enter through w x l: the lever times a hundredth of a radian.

@@ -47,7 +47,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from fg_nav.detection.rolling_lever import estimate_lever
+from fg_nav.detection.rest import estimate_lever
 from fg_nav.detection.stance import Stances
 from fg_nav.ekf.compass import AiezParameters, GatedCompassParameters, run_with_compass
 from fg_nav.ekf.core import OPENSHOE, STANCE_CORRELATION_S, IezParameters, run_iez

@@ -175,6 +175,18 @@ def compare(solution: Solution, truth: Truth, mode: str = "yaw") -> Comparison:
     return Comparison(alignment, row, solution.t[row], estimate, true_position, False, yaw_error, notes)
 
 
+def compare_at_footfalls(solution: Solution, truth: Truth, mode: str) -> Comparison:
+    """Lay the footfalls of a solution on a truth; rows of the comparison are footfalls, or footprints with their time.
+
+    Raises `EvaluationError` as `compare`.
+    """
+    stances = solution.stances
+    if isinstance(truth, FootprintTruth):
+        return compare(solution, truth, mode)
+    path = {name: getattr(stances, name) for name in ("t", "position", "nav_R_body")}
+    return compare(replace(solution, velocity=solution.velocity[stances.sample], **path), truth, mode)
+
+
 def _compare_in_time(solution: Solution, truth: FootprintTruth, t: Floats) -> Comparison:
     """Compare footprints with the positions at their instants `t` (M,) s."""
     inside = (t >= solution.t[0]) & (t <= solution.t[-1])

@@ -25,7 +25,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EvaluationError
-from fg_nav.evaluation.comparison import Comparison, compare, fit_scale, yaw_between
+from fg_nav.evaluation.comparison import Alignment, Comparison, compare, compare_at_footfalls, fit_scale, yaw_between
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.truth import FootprintTruth, Truth
 
@@ -110,6 +110,31 @@ def evaluate(
         footprints_surveyed=None if surveyed is None else len(surveyed.stride),
         notes=notes,
     )
+
+
+@dataclass(frozen=True)
+class MomentErrors:
+    """Horizontal errors of an online method's estimates at each footfall's moment, m, as laid on the truth."""
+
+    rmse_m: float
+    end_m: float  # By how much the way from the first to the last is wrong.
+    max_m: float
+
+
+def measure_moment(solution: Solution, moment: StanceTable, truth: Truth, end: Alignment) -> MomentErrors:
+    """Errors of an online method's estimates at the moment, laid on the truth as its path at the end is.
+
+    Each is in the map of its moment, which a re-solve turns about its origin: a fit to all of them would mix frames.
+    With the alignment `end`, a wrong north of the moment is an error of the moment. Footprints are matched by number,
+    as there is no estimate of the moment between footfalls.
+
+    Raises `EvaluationError` as `compare`.
+    """
+    truth = replace(truth, t=None) if isinstance(truth, FootprintTruth) else truth
+    found = compare_at_footfalls(replace(solution, stances=moment), truth, end.mode).realign(end)
+    over_ground = np.linalg.norm(found.error[:, :2], axis=1)
+    end_m = float(np.hypot(*(found.error[-1] - found.error[0])[:2]))
+    return MomentErrors(_rms(over_ground), end_m, float(over_ground.max()))
 
 
 @dataclass(frozen=True)

@@ -179,20 +179,15 @@ def read_gnss(path: Path | str) -> Gnss:
     content = read_content(Path(path))
     tables = [one for place, one in content.members.items() if re.search(r"(^|/)location\.csv$", place, re.IGNORECASE)]
     if content.members and not tables:
-        raise FormatError(
-            f"{content.path.name} holds no Location.csv: record the location too, or give a CSV with time_s, latitude, "
-            "longitude and accuracy."
-        )
+        raise FormatError(f"{content.path.name} holds no Location.csv: record the location too, or give a CSV of it.")
     table = tables[0] if tables else content
     # columns
     header = find_header(table, lambda names: {"latitude", "longitude"} <= _find_gnss_columns(names).keys())
     found = {} if header is None else _find_gnss_columns(header.names)
     if header is None or len(found) < len(_GNSS_COLUMNS):
         missing = ", ".join(what for what in _GNSS_COLUMNS if what not in found)
-        raise FormatError(
-            f"{table.path.name} has no column of {missing}: fixes have time_s, latitude, longitude (deg) and accuracy "
-            "(m)."
-        )
+        needed = "fixes have time_s, latitude, longitude (deg) and accuracy (m)"
+        raise FormatError(f"{table.path.name} has no column of {missing}: {needed}.")
     values, _ = header.read_columns([found[what] for what in _GNSS_COLUMNS])
     # rows that are fixes
     t, latitude, longitude, accuracy = values[np.isfinite(values).all(axis=1)].T
@@ -271,8 +266,6 @@ def _find_stamps(header: TextTable, first: float, last: float, path: Path) -> Fl
     if not spans:
         raise FormatError(f"{path.name} has no time: give a table with the columns time_s and pressure_pa.")
     if not len(best):
-        raise FormatError(
-            f"{path.name} has pressures from {spans[0]} and the recording is from {first:.1f} to {last:.1f} s: give "
-            "the file of the same recording, with stamps on its clock."
-        )
+        words = f"{path.name} has pressures from {spans[0]} and the recording is from {first:.1f} to {last:.1f} s"
+        raise FormatError(f"{words}: give the file of the same recording, with stamps on its clock.")
     return best

@@ -13,6 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 from fg_nav.columns.headers import read_header
 from fg_nav.columns.mapping import ACC, GYR, MAG, TIME, Columns, find_pressure, parse_columns, shorten_names
@@ -189,17 +190,9 @@ def read(
     return Reading(format, columns, rate_hz, sensor, barometer=barometer).read(path)
 
 
-def read_raw(
-    path: Path | str,
-    format: str | None = None,
-    *,
-    columns: str | Columns | None = None,
-    rate_hz: float | None = None,
-    sensor: str | None = None,
-    barometer: Path | str | None = None,
-) -> RawRecording:
+def read_raw(path: Path | str, format: str | None = None, **how: Any) -> RawRecording:
     """Read what a file says, unchecked; parameters and `FormatError` as of `read`."""
-    return Reading(format, columns, rate_hz, sensor, barometer=barometer).read_raw(path)
+    return Reading(format, **how).read_raw(path)
 
 
 def _find_recording(content: Content, chosen: Format | None) -> tuple[Format, Content]:

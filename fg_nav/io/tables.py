@@ -1,12 +1,8 @@
 """Tables in files of any kind: the names of their columns, and columns as floats at C speed.
 
-======== ==========================================================================================================
-text     separated by comma, semicolon, tab, bar or blanks; decimal point or comma; comments; a row of units
-JSON     an array or lines of objects, or an object of arrays
-arrays   numpy's npz and npy, MATLAB files, HDF5 (needs h5py): an array a column, or (N, 3) for all axes of one
-         quantity; (N, 6) or (N, 9) whose name has `imu` in it: force, rate and field
-Parquet  a column a column (needs pyarrow); so is an Excel sheet (needs openpyxl)
-======== ==========================================================================================================
+Text is separated by comma, semicolon, tab, bar or blanks, with a decimal point or comma. JSON is an array or lines of
+objects, or an object of arrays. Arrays (npz, npy, MATLAB, HDF5) are a column each, or (N, 3) for all axes of one
+quantity; (N, 6) or (N, 9) whose name has `imu` in it: force, rate and field. Parquet and the first Excel sheet as well.
 
 Of a text with a known header (`find_header`) a line `sep=;` names the separator, as spreadsheets have it; else it is
 the character of tab, semicolon and comma that is most often in the header, or a blank. Numbers have a decimal comma
@@ -135,9 +131,7 @@ class TextTable:
                     blocks += (frame[wanted].to_numpy(dtype=np.float64) for frame in frames)
         except pd.errors.EmptyDataError:
             pass
-        except pd.errors.ParserWarning:
-            raise FormatError(f"{name} has rows with more fields than the header: correct them.") from None
-        except pd.errors.ParserError as error:
+        except (pd.errors.ParserWarning, pd.errors.ParserError) as error:
             reason = " ".join(str(error).removeprefix("Error tokenizing data. C error: ").split())
             raise FormatError(f"{name} is not a regular table ({reason}): correct that line.") from None
         except (ValueError, OverflowError):
@@ -156,19 +150,20 @@ class TextTable:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", pd.errors.ParserWarning)
             text = pd.read_csv(self.content.source(), dtype=str, **self.options)[wanted]
-        if self.decimal != ".":
-            text = text.apply(lambda cells: cells.str.replace(self.decimal, ".", regex=False))
-        numbers = text.apply(pd.to_numeric, errors="coerce")
-        bad = np.argwhere((numbers.isna() & text.notna()).to_numpy())
-        name = self.content.path.name
+        numbers = text.apply(lambda cells: pd.to_numeric(cells.str.replace(self.decimal, "."), errors="coerce"))
+        bad, name = np.argwhere((numbers.isna() & text.notna()).to_numpy()), self.content.path.name
         if not len(bad):
             return FormatError(f"{name} does not read as numbers: look for odd characters in an editor.")
         row, column = bad[0]
         cell, called = str(text.iat[row, column])[:40], [*self.names, "after the last"][wanted[column]]
-        return FormatError(
-            f"{name}, line {row + self.first_line}, column '{called}': {cell!r} is not a number; correct or delete "
-            f"that line."
-        )
+        where = f"{name}, line {row + self.first_line}, column '{called}'"
+        return FormatError(f"{where}: {cell!r} is not a number; correct or delete that line.")
+
+    def _read_column(self, position: int, row: Ints, type: type[str] | type[np.int64]) -> Any:
+        how = self.options | {"usecols": [position], "names": None, "dtype": {position: type}}
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # of an infinite number, which is then raised
+            return pd.read_csv(self.content.source(), **how)[position].iloc[row - self.first_line]
 
     def read_integers(self, name: str, row: Ints) -> Ints | None:
         """Read one column exactly at the lines (N,) `row`; None if one of its numbers is no whole one of 64 bits.
@@ -176,25 +171,19 @@ class TextTable:
         Raises `FormatError` if the column is missing or doubled.
         """
         position = find_column(name, self.names, self.content.path)
-        how = self.options | {"usecols": [position], "names": None, "dtype": {position: np.int64}}
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", RuntimeWarning)  # of an infinite number, which is then raised
-                frame = pd.read_csv(self.content.source(), **how)
-        except (ValueError, TypeError, OverflowError, pd.errors.ParserError, pd.errors.EmptyDataError):
+            return np.asarray(self._read_column(position, row, np.int64), dtype=np.int64)
+        except (ValueError, TypeError, OverflowError, IndexError):  # those of pandas are ValueError
             return None
-        return np.asarray(frame[position].to_numpy(dtype=np.int64)[row - self.first_line])
 
     def read_words(self, position: int, row: Ints) -> NDArray[np.object_]:
         """Read a column as text in the lines (N,) `row`, None where a field is empty; `FormatError` if it cannot be."""
         try:
-            how = self.options | {"usecols": [position], "names": None, "dtype": str}
-            frame = pd.read_csv(self.content.source(), **how)
-            words = np.asarray(frame[position].str.strip().replace({np.nan: None}), dtype=object)
-            return words[row - self.first_line]
-        except (ValueError, IndexError, pd.errors.ParserError):
+            words = self._read_column(position, row, str).str.strip()
+        except (ValueError, IndexError):
             name = self.names[position]
             raise FormatError(f"{self.content.path.name}: column '{name}' cannot be read: export it again.") from None
+        return np.asarray(words.replace({np.nan: None}), dtype=object)
 
     def read(self, positions: Sequence[int]) -> tuple[Floats, Ints]:
         """Read columns of numbers, dates and times of day (N, K), the latter in s, and the line (N,) of each row.
@@ -309,7 +298,8 @@ def _open(content: Content, min_numbers: int) -> Table | None:
             import pyarrow.parquet
 
             frame = pyarrow.parquet.read_table(content.source()).to_pandas()
-        return _open_frame(frame.reset_index() if any(frame.index.names) else frame, name)
+        frame = frame.reset_index() if any(frame.index.names) else frame
+        return open_arrays({str(column): frame[column].to_numpy() for column in frame.columns}, name)
     if head.startswith(NPY_MARK):
         array = _load_numpy(content, "npy")["npy"]
         if array.dtype.names:
@@ -446,10 +436,6 @@ def _read_times(text: NDArray[np.object_]) -> Floats:
     return np.asarray(t, dtype=np.float64)
 
 
-def _open_frame(frame: Any, name: str) -> ArrayTable:
-    return open_arrays({str(column): frame[column].to_numpy() for column in frame.columns}, name)
-
-
 def _open_sheet(content: Content) -> Table:
     """Open the first sheet of an Excel file as a table of text is opened."""
     name = content.path.name
@@ -485,14 +471,13 @@ def _open_json(content: Content) -> ArrayTable | None:
     except (ValueError, RecursionError, TypeError, AttributeError) as error:
         reason = " ".join(str(error).split())[:80]
         raise FormatError(f"{name} is no whole JSON of samples ({reason}): export it again.") from None
-    for column in list(frame.columns):  # [x, y, z]
-        cells = frame[column].dropna()
-        if len(cells) and all(isinstance(cell, list) and len(cell) == 3 for cell in cells.head(20)):
-            vectors = np.array([c if isinstance(c, list) and len(c) == 3 else [np.nan] * 3 for c in frame[column]])
-            for k, axis in enumerate("xyz"):
-                frame[f"{column}.{axis}"] = vectors[:, k]
-            del frame[column]
-    return _open_frame(frame, name)
+    arrays = dict[str, np.ndarray[Any, Any]]()
+    for column in frame.columns:
+        cells, vectors = frame[column].to_numpy(), frame[column].dropna().head(20)
+        if len(vectors) and all(isinstance(cell, list) and len(cell) == 3 for cell in vectors):  # [x, y, z]
+            cells = np.array([c if isinstance(c, list) and len(c) == 3 else [np.nan] * 3 for c in cells])
+        arrays[str(column)] = cells
+    return open_arrays(arrays, name)
 
 
 def _load_numpy(content: Content, kind: str) -> Arrays:

@@ -136,7 +136,7 @@ def whiten_errors(
 
     Parameters
     ----------
-    found : of the footfalls, laid as started (`fg_nav.evaluation.walked.compare_at_footfalls`), with a true attitude.
+    found : of the footfalls, laid as started (`fg_nav.lab.walked.compare_at_footfalls`), with a true attitude.
     stances : of the same solution.
     places : shares of the walk.
 

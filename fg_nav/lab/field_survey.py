@@ -16,19 +16,15 @@ import numpy as np
 from fg_nav.arrays import Floats, find_runs
 from fg_nav.errors import MagneticError
 from fg_nav.frames import average_angles, wrap_angle
+from fg_nav.lab.sample_field import MIN_SAMPLES, WINDOW_S, Disturbance, find_sample_threshold, judge_samples
 from fg_nav.magnetic import FieldVerdicts, FootfallField
-from fg_nav.magnetic.detectors import find_own_detectors
-from fg_nav.magnetic.footfall_field import compute_true_heading
-from fg_nav.magnetic.quasi_static import (
+from fg_nav.magnetic.detectors import (
     DEFAULT,
     DETECTORS,
-    MIN_SAMPLES,
-    WINDOW_S,
-    Disturbance,
-    find_sample_threshold,
+    find_own_detectors,
     judge_field,
-    judge_samples,
 )
+from fg_nav.magnetic.footfall_field import compute_true_heading
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
 from fg_nav.text import format_count

@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from fg_nav.pocket.iterated_smoother import FixedLagSmoother, PocketSmootherParameters, build_prior, propagate_track
+from fg_nav.factors.rotation import relative_rotations
+from fg_nav.pocket.iterated_smoother import FixedLagSmoother, PocketSmootherParameters, build_prior, scatter_nis
 from fg_nav.pocket.kalman_smoother import place_nodes, preintegrate_links
 from fg_nav.pocket.online import UPDATE_LINKS
 from fg_nav.pocket.track import PocketStart, PocketTrack, level_start
@@ -45,4 +46,17 @@ def follow_pocket(
             progress(last / len(links.h))
     at = node[np.append(0, ends)]
     R[0] = start.nav_R_body
-    return propagate_track(recording, at, np.array(R), np.array(b), np.array(P), node[:-1], np.concatenate(nis))
+    swing, field = np.concatenate(nis).T
+    # between the estimates by the gyroscope
+    n = len(recording)
+    segment = np.repeat(np.arange(len(at)), np.diff(np.append(at, n)))
+    turned, _ = relative_rotations(recording.integrable[1], recording.periods_s, segment, np.array(b))
+    return PocketTrack(
+        recording.t,
+        np.array(R)[segment] @ turned,
+        np.array(b)[segment],
+        np.sqrt(np.array(P)[:, range(6), range(6)])[segment],
+        at,
+        np.array(P),
+        *scatter_nis(node[:-1], swing, field, n),
+    )

@@ -7,25 +7,21 @@ judges it along its own solution: the smoother by the gate (`apply_gate`), a fil
 own. The verdicts of the walk itself are for the report of methods without a compass.
 """
 
-from fg_nav.magnetic.footfall_field import FootfallField, average_footfall_field
-from fg_nav.magnetic.quasi_static import (
+from fg_nav.magnetic.detectors import (
     DEFAULT,
     DETECTORS,
     Detector,
-    Disturbance,
     FieldVerdicts,
     judge_field,
-    judge_samples,
 )
+from fg_nav.magnetic.footfall_field import FootfallField, average_footfall_field
 
 __all__ = [
     "DEFAULT",
     "DETECTORS",
     "Detector",
-    "Disturbance",
     "FieldVerdicts",
     "FootfallField",
     "average_footfall_field",
     "judge_field",
-    "judge_samples",
 ]

@@ -1,4 +1,4 @@
-r"""A detector of the quasi-static field: channels, a window, a form that makes one number of them, a threshold.
+r"""Verdicts on the magnetic field at each footfall, and their detectors: channels, a window, a form, a threshold.
 
 Channels are signals, one value a footfall. A *value* is whatever it is, and its changes from footfall to footfall are
 tested; a *zero* should be zero at every footfall and is tested as it stands.
@@ -72,6 +72,12 @@ the least turn that matters. The compass of AIEZ is allowed 2.5 deg, beside the 
 As printed: Ma's sigmas, N = 3 and threshold 170 (28.9 deg a step in the heading difference alone). Zhang gives no value
 and Afzal's and iQSF's are not in these papers: Ma's sigmas where they apply, 10 deg and 0.5 uT/s for AIEZ, and the 99 %
 quantile of independent changes, the authors' assumption.
+
+Verdicts. A window holds the last footfalls that have a field, but none that spans more strides than twice its length,
+which would compare places far apart. The first footfalls, with too few before them, are not judged. A verdict uses its
+footfall and those before it. The inertial headings do not: their gyro bias is that of the longest rest of the recording
+(`fg_nav.magnetic.footfall_field`). An estimator with better attitudes replaces `nav_R_body` in the footfall field and
+has it judged again.
 """
 
 from __future__ import annotations
@@ -84,10 +90,12 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 from scipy.special import chdtri, chndtrix
 
-from fg_nav.arrays import Bools, Floats
+from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import MagneticError
+from fg_nav.frames import average_angles, wrap_angle
 from fg_nav.magnetic.footfall_field import FootfallField
 from fg_nav.plugins import find_plugins
+from fg_nav.text import format_count, format_ratio
 
 FALSE_ALARM_RATE = 0.05  # Share of the fields that change by what matters and pass, where no threshold is fixed.
 ALIGNMENT_FOOTFALLS = 3  # Footfalls whose mean aligns the inertial heading with the compass; they are not tested.
@@ -360,3 +368,214 @@ TUNED: Mapping[str, Detector] = MappingProxyType(
         "aiez": scale_detector(AGREEING, 1.4),
     }
 )
+
+
+# verdicts
+
+NO_GATE = "none"  # The gate that weighs all footfalls alike.
+HARD = ":hard"  # Suffix of a gate, the papers' switch: the compass is used at its full weight or not at all.
+GATES = (*DETECTORS, NO_GATE, *(name + HARD for name in DETECTORS))  # Weights of the compass at a footfall, by name.
+PRIOR_COUNT = 2.0  # Weight of the walk's own spread against one footfall's statistic, in changes of the field.
+
+NO_FIELD, TOO_LITTLE = "no field was measured at this footfall", "too little of the field was measured at this footfall"
+QUASI_STATIC, DISTURBED, UNKNOWN = "quasi-static", "disturbed", "none"  # Verdicts; `none` where there is none.
+
+
+class OverThreshold:
+    """Verdicts by a statistic (F,) over its threshold: below 1 the field passes; NaN where there is none."""
+
+    statistic: Floats
+
+    @property
+    def judged(self) -> Bools:
+        """(F,) True where there was enough of the field to judge it."""
+        return np.isfinite(self.statistic)
+
+    @property
+    def quasi_static(self) -> Bools:
+        """(F,) True where the field passes; never where it was not judged."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(self.statistic < 1.0)
+
+
+@dataclass(frozen=True)
+class FieldVerdicts(OverThreshold):
+    """Verdicts on the field, one a footfall.
+
+    Attributes
+    ----------
+    detector : its name.
+    statistic : (F,) of the detector, over its threshold.
+    threshold : of the statistic, in the detector's own units.
+    reason : (F,) of the verdict, in words.
+    """
+
+    detector: str
+    statistic: Floats
+    threshold: float
+    reason: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.statistic)
+
+    @property
+    def coverage(self) -> float:
+        """Share of all footfalls whose field passes."""
+        return float(self.quasi_static.mean()) if len(self) else 0.0
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """(F,) the verdicts as they stand in `strides.csv`."""
+        passed = np.where(self.quasi_static, QUASI_STATIC, DISTURBED)
+        return tuple(str(word) for word in np.where(self.judged, passed, UNKNOWN))
+
+
+def find_detector(name: str) -> Detector:
+    """Return the detector of this name, known or of another package; raises `MagneticError` for any other name."""
+    found = DETECTORS.get(name) or find_own_detectors().get(name)
+    if found is None:
+        known = ", ".join((*DETECTORS, *find_own_detectors()))
+        raise MagneticError(f"there is no detector '{name}': choose one of {known}.")
+    return found
+
+
+def find_gate(gate: str) -> Detector:
+    """Return the detector of a gate, hard or not, which is the one of the filter of that name."""
+    name = gate.removesuffix(HARD)
+    return TUNED.get(name) or find_detector(name)
+
+
+def choose_gate(name: str | None) -> str:
+    """Return the gate that was asked for, or the default; raises `MagneticError` if there is none of this name."""
+    if name is not None and name not in GATES and name.removesuffix(HARD) not in find_own_detectors():
+        known = ", ".join((*GATES, *find_own_detectors()))
+        raise MagneticError(f"there is no gate '{name}': choose one of {known}.")
+    return DEFAULT if name is None else name
+
+
+def apply_gate(field: FootfallField, gate: str) -> FieldVerdicts:
+    """Judge the field by the gate of this name, one of `GATES`; raises `MagneticError` as `find_detector`."""
+    if gate != NO_GATE:
+        return judge_field(field, find_gate(gate))
+    seen = np.isfinite(field.strength)
+    reasons = tuple("there is no gate" if one else NO_FIELD for one in seen)
+    return FieldVerdicts(NO_GATE, np.where(seen, 0.0, np.nan), np.inf, reasons)
+
+
+def weigh_statistic(verdicts: FieldVerdicts, gate: str) -> Floats:
+    """Variance (F,) of the compass at each footfall over that of the whole walk, by the statistic of the gate.
+
+    The statistic T sums n squared changes of the field, and is v chi squared for a field of variance v. So T over its
+    median estimates v relative to the walk; with a prior worth `PRIOR_COUNT` changes the posterior mean is
+
+        (PRIOR_COUNT + n T / median T) / (PRIOR_COUNT + n).
+
+    A hard gate has 1 where it passes the field and infinity elsewhere; without a gate all are 1.
+    """
+    if gate.endswith(HARD):
+        return np.where(verdicts.quasi_static, 1.0, np.inf)
+    judged = verdicts.judged
+    if gate == NO_GATE or not judged.any() or not (middle := float(np.median(verdicts.statistic[judged]))) > 0.0:
+        return np.ones(len(verdicts))
+    detector = find_gate(gate)
+    count = detector.window * len(detector.channels)
+    ratio = np.where(judged, verdicts.statistic / middle, 1.0)
+    return np.asarray((PRIOR_COUNT + count * ratio) / (PRIOR_COUNT + count))
+
+
+def count_needed(gate: str) -> int | None:
+    """Latest footfalls that a verdict of this gate depends on; None for all so far, which align a heading offset."""
+    if gate == NO_GATE:
+        return 1
+    detector = find_gate(gate)
+    return detector.max_strides + 1 if detector.offset_column is None else None
+
+
+def judge_field(field: FootfallField, detector: Detector | str = DEFAULT) -> FieldVerdicts:
+    """Judge the field at each footfall by it and those before it.
+
+    One footfall after the other, the latest (`count_needed`) are enough; with a heading offset, whose alignment depends
+    on earlier verdicts, all of them are needed.
+
+    Parameters
+    ----------
+    field : at F footfalls, in order of time.
+    detector : or its name in `DETECTORS`.
+
+    Raises `MagneticError` for a name that is none, or a detector without a threshold.
+    """
+    chosen = find_detector(detector) if isinstance(detector, str) else detector
+    threshold = chosen.threshold
+    values = np.stack([channel.values(field) for channel in chosen.channels], axis=1)
+    sigmas = np.stack([channel.sigmas(field) for channel in chosen.channels], axis=1)
+    # the footfalls that have a field, without whole turns between neighbours
+    measured = np.flatnonzero(np.isfinite(values + sigmas).all(axis=1))
+    values, sigmas = values[measured], sigmas[measured]
+    angles = [c for c, channel in enumerate(chosen.channels) if channel.signal.angle and channel.signal.value]
+    values[:, angles] = np.unwrap(values[:, angles], axis=0)
+    # those whose window has all its footfalls, near enough to each other
+    strides = chosen.rows - 1
+    complete = np.zeros(len(measured), dtype=np.bool_)
+    complete[strides:] = measured[strides:] - measured[: max(len(measured) - strides, 0)] <= chosen.max_strides
+    if chosen.offset_column is not None:
+        complete[:ALIGNMENT_FOOTFALLS] = False
+        _align_heading(values, sigmas, field.t[measured], complete, chosen, threshold)
+    # one statistic a window, over the threshold
+    ends = np.flatnonzero(complete)
+    rows = ends[:, None] + np.arange(-strides, 1)
+    windows = np.swapaxes(values[rows], 1, 2)
+    parts = chosen.compute_parts(windows / np.swapaxes(sigmas[rows], 1, 2)) / threshold
+    statistic = np.full(len(field), np.nan)
+    statistic[measured[ends]] = parts.sum(axis=1)
+    # reasons, first why a footfall is not judged
+    reasons = [TOO_LITTLE if known else NO_FIELD for known in np.isfinite(field.strength)]
+    for n, footfall in enumerate(measured):
+        reasons[footfall] = f"over {format_count(strides, 'stride')} there are too many footfalls without a field"
+        if n < strides:
+            reasons[footfall] = f"fewer than {format_count(chosen.rows, 'footfall')} with a field so far"
+        if chosen.offset_column is not None and n < ALIGNMENT_FOOTFALLS:
+            reasons[footfall] = "here the inertial heading is aligned with the compass"
+    for end, reason in zip(ends, _explain_verdicts(windows, parts, measured, ends, chosen), strict=True):
+        reasons[measured[end]] = reason
+    return FieldVerdicts(chosen.name, statistic, threshold, tuple(reasons))
+
+
+def _align_heading(
+    values: Floats, sigmas: Floats, t: Floats, complete: Bools, detector: Detector, threshold: float
+) -> None:
+    """Subtract the alignment (scalar Kalman filter) from the heading offset, and add its variance; both in place."""
+    column, first = detector.offset_column, min(ALIGNMENT_FOOTFALLS, len(values))
+    if column is None or not first:
+        return
+    difference, noise = values[:, column].copy(), detector.channels[column].sigma ** 2
+    alignment, variance = average_angles(difference[:first]), noise / first
+    for k in range(len(values)):
+        # predict: the inertial heading drifts
+        if k >= first:
+            variance += HEADING_DRIFT**2 * (t[k] - t[k - 1])
+        values[k, column] = wrap_angle(difference[k] - alignment)
+        if detector.counts_drift:
+            sigmas[k, column] = np.sqrt(noise + variance)
+        # update where the field passes
+        window = slice(k + 1 - detector.rows, k + 1)
+        if complete[k] and detector.compute_statistic((values[window] / sigmas[window]).T) < threshold:
+            gain = variance / (variance + noise)
+            alignment, variance = alignment + gain * values[k, column], (1.0 - gain) * variance
+
+
+def _explain_verdicts(windows: Floats, parts: Floats, measured: Ints, ends: Ints, detector: Detector) -> list[str]:
+    """Reasons (E,) of the verdicts at footfalls `ends`: channel of the largest part of T, the others in brackets."""
+    described = []
+    for values, channel in zip(np.swapaxes(windows, 0, 1), detector.channels, strict=True):
+        signal = channel.signal
+        number = (np.ptp(values, axis=1) if signal.value else values[:, -1]) * signal.scale
+        words = f"{channel.name} changes by" if signal.value else channel.name
+        described.append([f"{words} {each:.2g} {signal.unit}" for each in number])
+    strides = measured[ends] - measured[ends + 1 - detector.rows]
+    reasons = []
+    for each, part, count in zip(zip(*described, strict=True), parts, strides, strict=True):
+        first, *others = (each[c] for c in np.argsort(-part, kind="stable"))
+        rest = f" ({', '.join(others)})" if others else ""
+        over = f"over {format_count(int(count), 'stride')}" if count else "this stance"
+        reasons.append(f"{over}: {first}{rest}; {format_ratio(part.sum())} times the threshold")
+    return reasons

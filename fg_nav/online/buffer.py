@@ -15,6 +15,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,12 +24,14 @@ from fg_nav.calibration import MagnetometerCalibration
 from fg_nav.detection.causal import Footfall
 from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError
-from fg_nav.magnetic.axes import MagAxes, align_magnetometer
-from fg_nav.magnetic.delay import MagnetometerDelay, remove_delay
+from fg_nav.magnetic.axes import MagAxes, MagnetometerDelay, align_magnetometer, remove_delay
 from fg_nav.recording import RawRecording, Recording
 from fg_nav.samples.readings import COLUMNS, TAKEN, find_saturation_level
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.truth import Fix, check_fixes
+
+if TYPE_CHECKING:
+    from fg_nav.walk import Mount
 
 CHUNK = 1 << 12  # Rows; 0.3 MB.
 AT_END = 0.97  # Share of the largest reading, from which on a level may be that of a range: calibration smears it.
@@ -39,8 +42,12 @@ SAMPLES_BEFORE = 40  # A node, that are cut out with those after it: enough for 
 
 @dataclass(frozen=True)
 class OnlineOptions:
-    """What a user can choose; raises `EstimationError` for fixes that cannot be."""
+    """What a user can choose; raises `EstimationError` for fixes that cannot be.
 
+    A pocket makes use of `heading_rad`, that of the first two strides, `use_field`, `axes_given` and `step_constant_m`.
+    """
+
+    mount: Mount = "foot"  # Where the sensor is worn.
     # Of the body's x axis at the first stance, clockwise from north. None where it is not known: then zero, or with the
     # field so that the mean field points north (from footfall 4 on, refined each time the walk is solved again).
     heading_rad: float | None = 0.0
@@ -50,6 +57,7 @@ class OnlineOptions:
     axes_given: bool = False  # Whether the magnetometer is used whatever its axes look like.
     fixes: tuple[Fix, ...] = ()  # Positions known from elsewhere, at times of the walk to come.
     calibration: MagnetometerCalibration | None = None  # Already applied; None to estimate it on the walk.
+    step_constant_m: float | None = None  # Of the person (`fg_nav.pocket.dead_reckoning`); None for the default.
 
     def __post_init__(self) -> None:
         check_fixes(self.fixes)
@@ -282,7 +290,8 @@ class PartialWalk:
         if not found.used:
             return replace(recording, mag=None)
         lead = self.buffer.find_since(self.buffer.stamp(mag_from) - LEAD_S, mag_from)
-        mag = remove_delay(self._cut(lead, self.stop), found.delay).mag
+        part = self._cut(lead, self.stop)
+        mag = part.mag if found.delay is None else remove_delay(part, found.delay).mag
         if mag is None:
             return recording
         unseen = np.full((mag_from - first, 3), np.nan)

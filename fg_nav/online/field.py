@@ -43,7 +43,7 @@ from fg_nav.errors import MagneticError
 from fg_nav.factors.magnetic_field import E_H, SIZE, across_field
 from fg_nav.frames import UNKNOWN_RAD
 from fg_nav.magnetic import FootfallField, average_footfall_field
-from fg_nav.magnetic.quasi_static import apply_gate, count_needed, weigh_statistic
+from fg_nav.magnetic.detectors import apply_gate, count_needed, weigh_statistic
 from fg_nav.online.estimates import CompassVerdict
 from fg_nav.recording import Recording
 from fg_nav.smoother.field import MIN_JUMP_UT_M, FieldSolution

@@ -54,7 +54,7 @@ from fg_nav.online.estimates import (
     tag_line,
 )
 from fg_nav.online.feet import FeetMerge, FeetNavigator
-from fg_nav.online.pocket import Navigator, PocketOptions, begin_walk
+from fg_nav.online.pocket import Navigator, begin_walk
 from fg_nav.online.record import Record
 from fg_nav.online.rows import Columns
 from fg_nav.online.sources import SampleSource
@@ -97,7 +97,7 @@ Judged: TypeAlias = tuple[StanceEstimate | Revision, Verdict | None]  # A line o
 class StreamOptions:
     """How a source is followed."""
 
-    online: OnlineOptions | PocketOptions = field(default_factory=OnlineOptions)
+    online: OnlineOptions = field(default_factory=OnlineOptions)
     stalled_s: float = 5.0  # Silence after which it is remarked that the source stalls.
     until_silent_s: float | None = None  # Silence after which the walk ends; None to wait for ever.
     calibration: Calibration | None = None  # To apply.
@@ -113,7 +113,7 @@ class StreamOptions:
     @property
     def is_pocket(self) -> bool:
         """Whether the sensor is in a pocket."""
-        return isinstance(self.online, PocketOptions)
+        return self.online.mount == "pocket"
 
 
 @dataclass(frozen=True)
@@ -220,7 +220,6 @@ class _Follower:
                         break
                 # Those that need not wait for the other foot's, and the lines that they complete.
                 await run(pool, self._add_blocks)
-                await run(pool, self._show_status)
 
     def end(self) -> None:
         """End the walk, and emit its last lines."""
@@ -254,10 +253,11 @@ class _Follower:
         self._merge.put(side, rows, WAIT_S)
 
     def _add_blocks(self) -> None:
-        """Add the rows that need not wait for the other foot's."""
+        """Add the rows that need not wait for the other foot's, and send the status."""
         feet, has_ended = self.feet, len(self._open) < len(self._sensors)
         for side, rows in self._merge.take(feet is None or has_ended or bool(feet.refused) or feet.is_parted):
             self._add(side, rows)
+        self._show_status()
 
     def _add(self, side: Side | None, rows: Floats, at_end: bool = False) -> None:
         """Add rows of a sensor, and emit the lines that they complete."""

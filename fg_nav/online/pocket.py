@@ -18,9 +18,9 @@ Over a gap a person walks at up to `pocket.online.WALKER_M_S` in any direction.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from time import perf_counter
-from typing import TYPE_CHECKING, ClassVar, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -50,7 +50,6 @@ from fg_nav.pocket.navigate import (
     require_steps,
 )
 from fg_nav.pocket.online import OnlinePocket, StrideEnd
-from fg_nav.pocket.steps import Steps
 from fg_nav.pocket.track import STILL_S, choose_start
 from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.samples.stamps import MAX_GAP_S
@@ -63,20 +62,8 @@ BLOCK_S = 0.25  # Orientation and steps are found so often, s: twice a step.
 AXIS_SIGMA_DEG = 8.0  # Of the axis of the swing, by one stride; it falls with the root of their number.
 
 
-@dataclass(frozen=True)
-class PocketOptions:
-    """How a walk with the sensor in a pocket is followed."""
-
-    lag_s: ClassVar[None] = None  # All samples are kept.
-
-    heading_rad: float | None = None  # Of the first two strides, clockwise from north; None to begin with the compass.
-    use_field: bool = True
-    step_constant_m: float | None = None  # Of the person (`fg_nav.pocket.dead_reckoning`); None for the default.
-    axes_given: bool = False  # Whether the batch solution uses the magnetometer whatever its axes look like.
-
-
 class _PathSoFar(NamedTuple):
-    """Path of some steps, the direction (S, 2) of all and the sigma (S,) rad, and by how much the track is turned."""
+    """Path of all steps, the direction (S, 2) of each and its sigma (S,) rad, and by how much the track is turned."""
 
     path: SteppedPath
     forward: Floats
@@ -87,13 +74,12 @@ class _PathSoFar(NamedTuple):
 class PocketNavigator(SampleIntake):
     """Navigates while samples come in, as `OnlineNavigator` does on a foot; a footfall is the end of a stride."""
 
-    detection = CausalParameters()
     floor: None = None  # A pocket has no heights,
     returns: tuple[Return, ...] = ()  # and its path is not compared with itself.
 
     def __init__(
         self,
-        options: PocketOptions = PocketOptions(),
+        options: OnlineOptions = OnlineOptions("pocket", None),
         remark: Callable[[str], None] = lambda words: None,
     ) -> None:
         """`remark` is given, in a sentence, what is odd about the samples; once for each kind of oddity."""
@@ -136,7 +122,7 @@ class PocketNavigator(SampleIntake):
         self.has_ended = True
         self.buffer.append(self.intake.push(NO_ROWS, at_end=True))
         found = self._add_blocks(at_end=True)
-        return found if self._thigh is None else found + self._report(self._thigh.steps.cut())
+        return found if self._thigh is None else found + self._report(self._thigh.cut())
 
     @property
     def reported_continues(self) -> Sequence[bool]:
@@ -146,7 +132,7 @@ class PocketNavigator(SampleIntake):
     @property
     def stands(self) -> bool:
         """Whether the person stands, as far as is seen."""
-        return self._thigh is None or self._thigh.steps.stands
+        return self._thigh is None or self._thigh.stands
 
     def pose(self) -> StrapdownPath | None:
         """Return position and course at the last sample, as a path of one row: those of the newest line, if any."""
@@ -165,7 +151,7 @@ class PocketNavigator(SampleIntake):
         table = self.causal()
         if not len(table):
             return table
-        path = self._reckon_path(max(self._n_steps)).path
+        path = self._reckon_path().path
         at = np.maximum(2 * np.array(self._n_steps) - 1, 0)
         return replace(table, position=path.position[at], position_cov=path.covariance[at], pose_cov=None)
 
@@ -183,12 +169,12 @@ class PocketNavigator(SampleIntake):
         recording = self.recording()
         refuse_foot(recording)
         thigh = self._begin_thigh(self.buffer.stop) if self._thigh is None else self._thigh
-        steps = thigh.steps.found.steps
+        steps = thigh.steps.steps
         require_steps(steps)
-        so_far = self._reckon_path(len(steps))
-        track = thigh.build_track(recording).rotate(so_far.clockwise)
+        so_far = self._reckon_path()
+        track = thigh.build_track(recording.t).rotate(so_far.clockwise)
         solution = assemble_solution(recording, track, steps, so_far.path, self._step_length)
-        notes = describe_steps(steps, self._step_length, thigh.steps.is_forward_known)
+        notes = describe_steps(steps, self._step_length, thigh.is_forward_known)
         return replace(
             solution,
             method=METHOD,
@@ -226,7 +212,7 @@ class PocketNavigator(SampleIntake):
             rows = self.buffer.between(first, end)
             if not self.options.use_field:
                 rows[:, 7:10] = np.nan
-            found += self._report(self._thigh.push(first, rows))
+            found += self._report(self._thigh.push(rows))
         return found
 
     def _begin_thigh(self, end: int) -> OnlinePocket:
@@ -234,31 +220,30 @@ class PocketNavigator(SampleIntake):
         start, notes = choose_start(first, self.options.heading_rad)
         return OnlinePocket(start, first.period_s, notes=tuple(notes))
 
-    def _reckon_path(self, count: int) -> _PathSoFar:
-        """Return the path of the first `count` steps, with the present estimate of the thigh's axes."""
+    def _reckon_path(self) -> _PathSoFar:
+        """Return the path of all steps, with the present estimate of the thigh's axes."""
         assert self._thigh is not None
-        found, given = self._thigh.steps, self.options.heading_rad
-        known, axes = found.found, found.axes
+        given, thigh = self.options.heading_rad, self._thigh
+        known, axes = thigh.steps, thigh.axes
         assert axes is not None
         forward = turn_forward(known.attitude @ axes[0])
         clockwise = 0.0 if given is None else given - measure_first_heading(forward)
         forward = forward @ yaw_rotation(-clockwise)[:2, :2].T
         # The uncertainty of the axes turns all of the path; a given heading is that of the path, whatever the axes.
-        axis_sigma = np.radians(AXIS_SIGMA_DEG) * (2.0 / len(forward)) ** 0.5 if found.is_forward_known else np.pi
+        axis_sigma = np.radians(AXIS_SIGMA_DEG) * (2.0 / len(forward)) ** 0.5 if thigh.is_forward_known else np.pi
         axis_sigma = axis_sigma if given is None else 0.0
-        sigma, part = np.hypot(known.heading_sigma, axis_sigma), slice(0, count)
-        steps = Steps(*(getattr(known.steps, item.name)[part] for item in fields(Steps)))
-        along = self._step_length.predict(steps)[:, None] * forward[part]
-        unseen = propagate_corrections(along, known.heading_sigma[part] ** 2)
-        unseen += known.lost_m2[part, None, None] * np.eye(2)
-        path = add_steps(steps, forward[part], sigma[part], self._step_length, unseen)
+        sigma = np.hypot(known.heading_sigma, axis_sigma)
+        along = self._step_length.predict(known.steps)[:, None] * forward
+        unseen = propagate_corrections(along, known.heading_sigma**2)
+        unseen += known.lost_m2[:, None, None] * np.eye(2)
+        path = add_steps(known.steps, forward, sigma, self._step_length, unseen)
         return _PathSoFar(path, forward, np.maximum.accumulate(sigma), clockwise)
 
     def _report(self, ends: list[StrideEnd]) -> list[StanceEstimate | Revision]:
         """Return the estimates at the ends of strides, after a revision where the axes turn by `TURNED_RAD`."""
         if not ends:
             return []
-        so_far, revised = self._reckon_path(ends[-1].steps), list[Revision]()
+        so_far, revised = self._reckon_path(), list[Revision]()
         # Mean turn (rad, clockwise) of the reported steps by the present axes of the thigh.
         known = len(self._directions)
         old, new = self._directions @ [1j, 1.0], so_far.forward @ [1j, 1.0]
@@ -274,9 +259,10 @@ class PocketNavigator(SampleIntake):
         # The estimates, each with a footfall at the end of its stride.
         known = len(self._given) - len(self._reported)
         found = [self._make_estimate(len(self._reported) + self._gone + k, end, so_far) for k, end in enumerate(ends)]
-        for end in ends:
-            interval = np.array([end.sample]), np.array([end.sample + 1])
-            self.footfalls.append(Footfall(*interval, np.ones(1), end.sample, continues=False))
+        self.footfalls += [
+            Footfall(np.array([end.sample]), np.array([end.sample + 1]), np.ones(1), end.sample, continues=False)
+            for end in ends
+        ]
         self._n_steps += [end.steps for end in ends]
         self._reported += found
         return [*revised, *found] if known <= 0 else [*found[known:]]
@@ -316,13 +302,13 @@ Navigator: TypeAlias = OnlineNavigator | PocketNavigator
 
 
 def begin_walk(
-    options: OnlineOptions | PocketOptions,
+    options: OnlineOptions,
     remark: Callable[[str], None],
     detection: CausalParameters = CausalParameters(),
     background: bool = False,
 ) -> Navigator:
     """Return the navigator of a new walk, on a foot or in a pocket; arguments as of `OnlineNavigator`."""
-    if isinstance(options, PocketOptions):
+    if options.mount == "pocket":
         return PocketNavigator(options, remark)
     return OnlineNavigator(options, remark, detection, background)
 

@@ -48,7 +48,7 @@ from fg_nav.factors.magnetic_field import SIZE
 from fg_nav.factors.residual import LETTER_SHIFT, guarded_factor
 from fg_nav.factors.walk_constraints import UnseenWalk, position_fix_noise
 from fg_nav.frames import UNKNOWN_RAD
-from fg_nav.magnetic.quasi_static import UNKNOWN
+from fg_nav.magnetic.detectors import UNKNOWN
 from fg_nav.online.buffer import PartialWalk, ReportedFootfall, SensorState
 from fg_nav.online.estimates import (
     CompassVerdict,

@@ -57,7 +57,7 @@ from scipy.special import chdtri
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.factors.rotation import relative_rotations, rotation_exp, unskew
-from fg_nav.pocket.filter_equations import (
+from fg_nav.pocket.filter import (
     GYR_DENSITY_DEG,
     compute_bias_decay,
     compute_bias_walk,
@@ -184,6 +184,7 @@ def smooth_pocket(
     t, at = recording.t, recording.t[node]
     every = max(round(STORED_EVERY_S * (len(node) - 1) / (at[-1] - at[0])), 1)
     sigma = np.sqrt(smoothed.P[:, range(6), range(6)])
+    gravity_nis, field_nis = scatter_nis(node, smoothed.swing_nis, smoothed.field_nis, len(t))
     return PocketTrack(
         t=t,
         nav_R_body=_join_attitudes(recording, node, nodes),
@@ -191,8 +192,8 @@ def smooth_pocket(
         sigma=np.stack([np.interp(t, at, column) for column in sigma.T], axis=1),
         covariance_sample=node[::every],
         covariance=np.ascontiguousarray(smoothed.P[::every, :6, :6]),
-        gravity_nis=_scatter(node, smoothed.swing_nis, len(t)),
-        field_nis=_scatter(node, smoothed.field_nis, len(t)) * (2.0 / 3.0),
+        gravity_nis=gravity_nis,
+        field_nis=field_nis,
     )
 
 
@@ -212,32 +213,11 @@ def _join_attitudes(recording: Recording, node: Ints, nodes: Nodes) -> Floats:
     return np.asarray(rotation_exp(axis[segment] * share[:, None]) @ nodes.R[segment] @ R)
 
 
-def _scatter(node: Ints, values: Floats, samples: int) -> Floats:
-    out = np.full(samples, np.nan)
-    out[node] = values
+def scatter_nis(node: Ints, swing: Floats, field: Floats, samples: int) -> Floats:
+    """(2, samples) NIS at nodes (K,), NaN between; a field's, of three degrees of freedom, scaled to two."""
+    out = np.full((2, samples), np.nan)
+    out[:, node] = swing, field * (2.0 / 3.0)
     return out
-
-
-def propagate_track(
-    recording: Recording, at: Ints, R: Floats, b: Floats, P: Floats, node: Ints, nis: Floats
-) -> PocketTrack:
-    """Track of estimates at samples `at` (M,), each propagated by strapdown until the next.
-
-    `R` (M, 3, 3) attitude, `b` (M, 3) rad/s bias, `P` (M, 6, 6); `nis` (K, 2) of force and field at `node` (K,).
-    """
-    n = len(recording)
-    segment = np.repeat(np.arange(len(at)), np.diff(np.append(at, n)))
-    turned, _ = relative_rotations(recording.integrable[1], recording.periods_s, segment, b)
-    return PocketTrack(
-        t=recording.t,
-        nav_R_body=R[segment] @ turned,
-        gyro_bias=b[segment],
-        sigma=np.sqrt(P[:, range(6), range(6)])[segment],
-        covariance_sample=at,
-        covariance=P,
-        gravity_nis=_scatter(node, nis[:, 0], n),
-        field_nis=_scatter(node, nis[:, 1], n) * (2.0 / 3.0),
-    )
 
 
 # one round

@@ -1,4 +1,4 @@
-"""The pocket's smoother and the steps of the thigh while the walk goes on, from the past alone.
+"""Orientation and steps of a thigh while the walk goes on, from the past alone: one class over one window of samples.
 
     samples -> links of half a second -> fixed-lag smoother (`iterated_smoother`)
             -> orientation at the last sample, propagated from the last node by the gyroscope
@@ -9,7 +9,7 @@
 A rate's change within its sample (coning, `fg_nav.samples.gaps`) is known one sample late, and so is a node. At the end
 of a walk the estimates are a track of it.
 
-The steps are those of a recording (`fg_nav.pocket.steps`), half a second late, and differ from them in three ways:
+The steps are joined as those of a recording (`fg_nav.pocket.steps`), half a second late, and differ in three ways:
 
 * A slow part is that of the samples up to `EDGE_S` later, not of all.
 * The axes are those of the walk so far, by sums over it. A step that was found stays; its direction is that of the
@@ -25,39 +25,38 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Floats, Ints
 from fg_nav.detection.mount import remove_fast
 from fg_nav.factors.rotation import relative_rotations, rotation_exp
-from fg_nav.magnetic.quasi_static import QUASI_STATIC, UNKNOWN
+from fg_nav.magnetic.detectors import QUASI_STATIC, UNKNOWN
 from fg_nav.pocket.iterated_smoother import (
     FixedLagSmoother,
     PocketSmootherParameters,
     Prior,
     build_prior,
     propagate_gap,
-    propagate_track,
+    scatter_nis,
 )
 from fg_nav.pocket.kalman_smoother import NODE_S, preintegrate_links
 from fg_nav.pocket.steps import (
     GAIT_HZ,
-    HYSTERESIS_DEG,
+    HYSTERESIS,
     MIN_SKEW,
-    MIN_STEPS,
     PAUSE_S,
     SWINGING_DEG_S,
     UPRIGHT_DEG,
+    Openings,
     Steps,
     SwingSums,
-    are_step_like,
-    average_durations,
     compute_flexion,
+    find_ends,
     find_inner_spans,
     find_turning_points,
-    split_at_pauses,
+    join_openings,
+    measure_openings,
     spread_flags,
 )
 from fg_nav.pocket.track import PocketStart, PocketTrack
-from fg_nav.recording import Recording
 from fg_nav.samples.gaps import compensate_coning
 from fg_nav.samples.stamps import MAX_GAP_S
 from fg_nav.text import format_count
@@ -86,6 +85,38 @@ class PocketEstimate:
         return np.sqrt(np.diag(self.covariance))
 
 
+class StrideEnd(NamedTuple):
+    """A stride is complete: `steps` were made until then, the last ends at a sample, with that attitude (3, 3)."""
+
+    steps: int
+    sample: int
+    t: float
+    nav_R_body: Floats
+
+
+class StepsSoFar(NamedTuple):
+    """Steps in order, by samples of the walk.
+
+    `attitude` (S, 2, 3) mean of the level rows of nav_R_body over the stride about the step; `heading_sigma` (S,) rad
+    of the track then; `lost_m2` (S,) variance of what was walked unseen before it, m^2.
+    """
+
+    steps: Steps
+    attitude: Floats
+    heading_sigma: Floats
+    lost_m2: Floats
+
+
+class _Moments(NamedTuple):
+    """Of P openings, as each was found: `t` (P, 2) s and `nav_R_body` (P, 2, 3, 3) at both ends, the rest as above."""
+
+    t: Floats
+    nav_R_body: Floats
+    attitude: Floats
+    heading_sigma: Floats
+    lost_m2: Floats
+
+
 class OnlinePocket:
     """Orientation, gyro bias and steps, block by block.
 
@@ -96,9 +127,9 @@ class OnlinePocket:
     Attributes
     ----------
     latest : orientation and bias at the last sample; before the first those of the start.
-    steps : found so far.
     notes : on the start.
     nis : (stamp in s, of force, of field) at each node that was complete, as in `fg_nav.pocket.kalman_smoother`.
+    skewness : of the rate of flexion, absolute; front and back are known where it is well above zero.
     """
 
     def __init__(
@@ -108,57 +139,92 @@ class OnlinePocket:
         parameters: PocketSmootherParameters = PocketSmootherParameters(),
         notes: tuple[str, ...] = (),
     ) -> None:
-        self._start, self._p, self.notes = start, parameters, notes
-        self.steps = CausalSteps(period_s)
+        self._start, self._period_s, self._p, self.notes = start, period_s, parameters, notes
+        # orientation
         self.latest = PocketEstimate(-np.inf, start.nav_R_body, np.zeros(3), np.zeros((6, 6)))
         self.nis: list[tuple[float, float, float]] = []
-        self._samples = np.empty((0, 10))  # from the last node on, and `_before` (0 or 1) before it
-        self._before = 0
+        self._attitudes: list[Floats] = []  # of all samples, block by block,
+        self._known: list[tuple[int, PocketEstimate]] = []  # and the estimate known at the next so many of them
         self._origin, self._made = np.nan, 0  # stamp of the first node since the last gap, and links made since
         self._window: FixedLagSmoother | None = None
         self._resumed: Prior | None = None
-        self._known: list[tuple[int, PocketEstimate]] = []
         self._judged, self._verdict = 0, (str(UNKNOWN), "no magnetometer")
+        # steps
+        self._sums, self._front, self.skewness = SwingSums(), 1.0, 0.0
+        none = np.zeros((0, 4), dtype=np.int64), np.empty((0, 4)), np.empty(0), np.empty(0), np.zeros(0, dtype=np.bool_)
+        self._openings, self._is_open, self._n_ends, self._lost_m2 = Openings(*none), False, 0, 0.0
+        empty = np.empty((0, 2)), np.empty((0, 2, 3, 3)), np.empty((0, 2, 3)), np.empty(0), np.empty(0)
+        self._moments = _Moments(*empty)
+        # samples that are still needed, of which the first is number `_first` of the walk, and their slow parts
+        self._first, self._rows = 0, np.empty((0, 10))
+        self._rate, self._R = np.empty((0, 3)), np.empty((0, 3, 3))
+        self._up, self._gait, self._swings = np.empty((0, 3)), np.empty((0, 3)), np.zeros(0, dtype=np.bool_)
+        # from there on: the last node, the last turning point, and the end of the gait in the sums
+        self._node = self._turn = self._summed = 0
 
-    def push(self, first: int, rows: Floats) -> list[StrideEnd]:
+    def push(self, rows: Floats) -> list[StrideEnd]:
         """Add samples and return the strides that they complete.
 
-        Parameters
-        ----------
-        first : number of the first of them.
-        rows : (n, 10 or more) t (s), acc (m/s^2), gyr (rad/s), mag (uT, NaN without a field), finite, in order and
-            without a gap between them.
+        rows: (n, 10 or more) t (s), acc (m/s^2), gyr (rad/s), mag (uT, NaN without a field), finite, in order and
+        without a gap between them.
         """
-        ends: list[StrideEnd] = []
-        rows, last, nodes = rows[:, :10], self.latest, len(self.nis)
-        lost_s = float(rows[0, 0] - self._samples[-1, 0]) if len(self._samples) else 0.0
-        is_begun = bool(self._known) and lost_s <= MAX_GAP_S
-        if lost_s > MAX_GAP_S:
-            ends += self.steps.cut(WALKER_M_S * lost_s)
-            self._resumed = propagate_gap(self._propagate_last(), lost_s)
-            self._samples, self._window = np.empty((0, 10)), None
-            self._made, self._before = 0, 0
-        if not len(self._samples):
+        rows, last = rows[:, :10], self.latest
+        lost_s = float(rows[0, 0] - self._rows[-1, 0]) if len(self._rows) else 0.0
+        ends = self._restart(lost_s) if lost_s > MAX_GAP_S else []
+        is_new = not len(self._rows)
+        if is_new:
             self._origin = float(rows[0, 0])
         # attitudes from the last estimate on
-        both = np.concatenate([self._samples[-1:], rows])
+        both = np.concatenate([self._rows[-1:], rows])
         periods, segment = np.append(np.diff(both[:, 0]), 0.0), np.zeros(len(both), dtype=np.int64)
         turned = relative_rotations(both[:, 4:7], periods, segment, last.gyro_bias)[0]
         attitude = np.asarray(last.nav_R_body @ turned)[-len(rows) :]
         # the estimate at the end
-        self._samples = np.concatenate([self._samples, rows])
+        self._rows = np.concatenate([self._rows, rows])
         self._make_nodes()
         known = self._propagate_last()
         self.latest = PocketEstimate(float(rows[-1, 0]), known.R, known.y[:3], known.P[:6, :6])
         attitude[-1] = self.latest.nav_R_body
-        # estimates for the path at the end
-        if not is_begun:
-            self._known.append((first, replace(self.latest, nav_R_body=attitude[0], gyro_bias=last.gyro_bias)))
-        if len(self.nis) > nodes and len(rows) > 1:
-            self._known.append((first + len(rows) - 1, self.latest))
+        before = replace(self.latest, gyro_bias=last.gyro_bias) if is_new else last
+        self._attitudes.append(attitude)
+        self._known += [(len(rows) - 1, before), (1, self.latest)]
         # steps
-        rate, heading_sigma = rows[:, 4:7] - self.latest.gyro_bias, float(self.latest.sigma[2])
-        return ends + self.steps.push(rows[:, 0], rate, attitude, heading_sigma)
+        self._rate = np.concatenate([self._rate, rows[:, 4:7] - self.latest.gyro_bias])
+        self._R = np.concatenate([self._R, attitude])
+        self._settle(len(self._rows) - round(EDGE_S / self._period_s))
+        self._search()
+        return ends + self._end_strides()
+
+    def cut(self) -> list[StrideEnd]:
+        """End the bout and return the strides completed by that; nothing is left of the samples."""
+        self._settle(len(self._rows))
+        self._search(at_end=True)
+        self._is_open = False
+        self._drop(len(self._rows))
+        self._node = self._turn = self._summed = 0
+        return self._end_strides()
+
+    @property
+    def axes(self) -> tuple[Floats, Floats] | None:
+        """Current left and up of the thigh, unit vectors (3,) in the body; None before the leg has swung."""
+        axes = self._sums.axes
+        return None if axes is None else (self._front * axes[0], axes[1])
+
+    @property
+    def stands(self) -> bool:
+        """Whether the last step was followed by a pause."""
+        return not (self._is_open and self._openings.is_step_like[-1])
+
+    @property
+    def is_forward_known(self) -> bool:
+        """Whether the gait distinguishes forward from backward."""
+        return self.skewness > MIN_SKEW
+
+    @property
+    def steps(self) -> StepsSoFar:
+        """All steps so far, as a recording's, and what their path needs."""
+        steps, of = self._join()
+        return StepsSoFar(steps, *(part[of] for part in self._moments[2:]))
 
     def judge_field(self) -> tuple[str, str]:
         """Return the verdict on the field at the nodes since the last call, and the share of nodes in words."""
@@ -170,21 +236,29 @@ class OnlinePocket:
         self._verdict = str(QUASI_STATIC if used else UNKNOWN), f"used at {used} of {format_count(len(nis), 'node')}"
         return self._verdict
 
-    def build_track(self, recording: Recording) -> PocketTrack:
-        """Return the causal track: at each sample of the walk so far, the estimate known at that time."""
-        at = np.array([sample for sample, _ in self._known])
-        R, b, P = (
-            np.array([getattr(one, name) for _, one in self._known])
-            for name in ("nav_R_body", "gyro_bias", "covariance")
-        )
+    def build_track(self, t: Floats) -> PocketTrack:
+        """Return the causal track: at the samples `t` (N,) s of the walk, the estimate known then."""
+        count, estimates = zip(*self._known, strict=True)
+        P = np.array([one.covariance for one in estimates])
         nis = np.array(self.nis).reshape(-1, 3)
-        node = np.minimum(np.searchsorted(recording.t, nis[:, 0] - 1e-9), len(recording) - 1)
-        return propagate_track(recording, at, R, b, P, node, nis[:, 1:])
+        node = np.minimum(np.searchsorted(t, nis[:, 0] - 1e-9), len(t) - 1)
+        return PocketTrack(
+            t,
+            np.concatenate(self._attitudes),
+            np.repeat([one.gyro_bias for one in estimates], count, axis=0),
+            np.repeat(np.sqrt(P[:, range(6), range(6)]), count, axis=0),
+            np.cumsum(count)[1::2] - 1,
+            P[1::2],
+            *scatter_nis(node, nis[:, 1], nis[:, 2], len(t)),
+        )
+
+    # orientation
 
     def _make_nodes(self) -> None:
         """Preintegrate complete half seconds and extend the smoother; a link needs one sample beyond its end."""
         while True:
-            s, t = self._samples, self._samples[:, 0]
+            before = max(self._node - 1, 0)
+            s, t = self._rows[before:], self._rows[before:, 0]
             ticks = self._origin + NODE_S * np.arange(self._made, self._made + UPDATE_LINKS + 1)
             node = np.searchsorted(t, ticks - 1e-6)
             if node[-1] >= len(t) - 1:
@@ -202,142 +276,24 @@ class OnlinePocket:
                 self._window.extend(links)
             new, smoothed = slice(-len(links.h) - 1, -1), self._window.smoothed
             self.nis += zip(t[node[:-1]].tolist(), smoothed.swing_nis[new], smoothed.field_nis[new], strict=True)
-            # drop the samples used
             self._made += UPDATE_LINKS
-            self._before = min(int(node[-1]), 1)
-            self._samples = s[node[-1] - self._before :]
+            self._node = before + int(node[-1])
 
     def _propagate_last(self) -> Prior:
         """Estimate and covariance of the last node, its attitude propagated to the last sample by the gyroscope."""
         known = self._window.last if self._window else self._resumed or build_prior(self._start, None, self._p)
-        t, gyr = self._samples[:, 0], self._samples[:, 4:7]
-        R, part = known.R, slice(self._before, -1)
-        for turn in rotation_exp((gyr[part] - known.y[:3]) * np.diff(t)[self._before :, None]):
+        t, gyr, R = self._rows[self._node :, 0], self._rows[self._node : -1, 4:7], known.R
+        for turn in rotation_exp((gyr - known.y[:3]) * np.diff(t)[:, None]):
             R = R @ turn
         return known._replace(R=R)
 
-
-# steps
-
-
-class StepsSoFar(NamedTuple):
-    """Steps in order, by samples of the walk.
-
-    `attitude` (S, 2, 3) mean of the level rows of nav_R_body over the stride about the step; `heading_sigma` (S,) rad
-    of the track then; `lost_m2` (S,) variance of what was walked unseen before it, m^2.
-    """
-
-    steps: Steps
-    attitude: Floats
-    heading_sigma: Floats
-    lost_m2: Floats
-
-
-class StrideEnd(NamedTuple):
-    """A stride is complete: `steps` were made until then, the last ends at a sample, with that attitude (3, 3)."""
-
-    steps: int
-    sample: int
-    t: float
-    nav_R_body: Floats
-
-
-class _Found(NamedTuple):
-    """A step, and time and attitude at both ends.
-
-    Its row (13,): first and last sample of the walk; opening and signed change of flexion, rad; number of the bout;
-    heading sigma, unseen variance and mean attitude as in `StepsSoFar`.
-    """
-
-    row: Floats
-    t: tuple[float, float]
-    nav_R_body: tuple[Floats, Floats]
-
-
-class CausalSteps:
-    """Finder of steps in a stream of samples.
-
-    Parameters
-    ----------
-    period_s : of the samples.
-
-    Attributes
-    ----------
-    skewness : of the rate of flexion, absolute; front and back are known where it is well above zero.
-    """
-
-    def __init__(self, period_s: float) -> None:
-        self._period_s = period_s
-        self._sums = SwingSums()
-        self._rows = np.empty((0, 13))
-        self._bouts, self.skewness = 0, 0.0
-        self._front = 1.0
-        self._lost_m2, self._heading_sigma = 0.0, 0.0
-        self._bout: list[_Found] = []
-        self._last_stop_t = -np.inf
-        self._ends: list[StrideEnd] = []
-        self._base, self._turn, self._summed = 0, 0, 0
-        self._t, self._rate, self._R = np.empty(0), np.empty((0, 3)), np.empty((0, 3, 3))
-        self._up, self._gait = np.empty((0, 3)), np.empty((0, 3))
-        self._swings: Bools = np.empty(0, dtype=np.bool_)
-
-    def push(self, t: Floats, rate: Floats, nav_R_body: Floats, heading_sigma: float) -> list[StrideEnd]:
-        """Add samples and return the strides that they complete.
-
-        Parameters
-        ----------
-        t, rate, nav_R_body : stamps (n,) s, angular rates less bias (n, 3) rad/s, attitudes (n, 3, 3).
-        heading_sigma : rad, one standard deviation of the heading of these attitudes.
-        """
-        self._heading_sigma = heading_sigma
-        self._t = np.concatenate([self._t, t])
-        self._rate = np.concatenate([self._rate, rate])
-        self._R = np.concatenate([self._R, nav_R_body])
-        self._settle(len(self._t) - round(EDGE_S / self._period_s))
-        self._search()
-        ends, self._ends = self._ends, []
+    def _restart(self, lost_s: float) -> list[StrideEnd]:
+        """Begin again with the next sample, `lost_s` behind the last; return the strides completed by that."""
+        self._resumed = propagate_gap(self._propagate_last(), lost_s)
+        self._window, self._made = None, 0
+        ends = self.cut()
+        self._lost_m2 += (WALKER_M_S * lost_s) ** 2
         return ends
-
-    def cut(self, lost_m: float = 0.0) -> list[StrideEnd]:
-        """End the bout before a gap and return the strides completed by that; the filters restart at the next sample.
-
-        `lost_m` is the sigma, m per axis, of the displacement during the gap.
-        """
-        self._settle(len(self._t))
-        self._search(at_end=True)
-        self._close_bout()
-        self._lost_m2 += lost_m**2
-        # begin with nothing at the next sample
-        self._base, self._turn, self._summed = self._base + len(self._t), 0, 0
-        self._keep_from(len(self._t))
-        self._last_stop_t = -np.inf
-        ends, self._ends = self._ends, []
-        return ends
-
-    @property
-    def axes(self) -> tuple[Floats, Floats] | None:
-        """Current left and up of the thigh, unit vectors (3,) in the body; None before the leg has swung."""
-        axes = self._sums.axes
-        return None if axes is None else (self._front * axes[0], axes[1])
-
-    @property
-    def stands(self) -> bool:
-        """Whether the last step was followed by a pause."""
-        return not self._bout
-
-    @property
-    def is_forward_known(self) -> bool:
-        """Whether the gait distinguishes forward from backward."""
-        return self.skewness > MIN_SKEW
-
-    @property
-    def found(self) -> StepsSoFar:
-        """All steps so far, as a recording's, and what their path needs."""
-        rows = self._rows
-        start, stop, bout = (rows[:, k].astype(np.int64) for k in (0, 1, 4))
-        took = average_durations(np.asarray((stop - start) * self._period_s, dtype=np.float64), bout)
-        steps = Steps(start, stop, rows[:, 2], took, self._front * rows[:, 3] > 0, bout)
-        return StepsSoFar(steps, rows[:, 7:].reshape(-1, 2, 3), rows[:, 5], rows[:, 6])
 
     # slow parts
 
@@ -378,86 +334,77 @@ class CausalSteps:
     def _search(self, at_end: bool = False) -> None:
         """Add the openings completed since the last turning point; `at_end` closes the last one. Drop old samples."""
         axes, done = self._sums.axes, len(self._up)
+        around, warm = round(AROUND_S / self._period_s), round(WARM_S / self._period_s)
         if axes is None:
             self._turn = max(self._turn, done - round(MAX_S / self._period_s))
+            oldest = min(self._turn, done) - 2 * around
+            self._summed = max(self._summed, oldest)
         elif done - self._turn > 1:
-            t, up = self._t[self._turn : done], self._up[self._turn : done]
+            t, up = self._rows[self._turn : done, 0], self._up[self._turn : done]
             flexion = compute_flexion(up, *axes)
-            turn = find_turning_points(flexion, float(np.radians(HYSTERESIS_DEG)))
-            # openings between consecutive turning points
-            for k in range(len(turn) - 2):
-                self._add_opening(t, flexion, up, turn[k : k + 2])
-            # the last opening is still in progress, or has ended in standing
+            turn = find_turning_points(flexion, HYSTERESIS)
             last = len(t) - 1
+            # openings between consecutive turning points
+            if len(turn) > 2:
+                self._add_openings(measure_openings(t, flexion, up, turn[:-1]), is_open=True)
+            # the last opening is still in progress, or has ended in standing
             if not len(turn):
                 if t[last] - t[0] > STANDING_S:
                     self._turn += max(last - round(0.5 * STANDING_S / self._period_s), 0)
             elif at_end or t[last] - t[find_inner_spans(flexion, turn[-2:])[1][0]] > PAUSE_S:
-                self._add_opening(t, flexion, up, turn[-2:], stands=True)
-                self._close_bout()
+                self._add_openings(measure_openings(t, flexion, up, turn[-2:]), is_open=False)
                 self._turn += last
             else:
                 self._turn += last if t[last] - t[turn[-2]] > MAX_S else int(turn[-2])
-        # drop the samples that neither filter nor mean attitude needs any more
-        around = round(AROUND_S / self._period_s)
-        oldest = min(self._turn - 2 * around, self._summed - around, len(self._up) - round(WARM_S / self._period_s))
-        if self._sums.axes is None:
-            oldest = min(self._turn, len(self._up)) - 2 * around
-            self._summed = max(self._summed, oldest)
+        # drop the samples that neither the next node, nor filters and mean attitudes need any more
+        if axes is not None:
+            oldest = min(self._turn - 2 * around, self._summed - around, done - warm)
+        oldest = min(oldest, self._node - 1)
         if oldest > 0:
-            self._base += oldest
-            self._turn, self._summed = self._turn - oldest, self._summed - oldest
-            self._keep_from(oldest)
+            self._turn, self._summed, self._node = self._turn - oldest, self._summed - oldest, self._node - oldest
+            self._drop(oldest)
 
-    def _keep_from(self, first: int) -> None:
-        """Drop the stored samples before one."""
-        self._t, self._rate, self._R = self._t[first:], self._rate[first:], self._R[first:]
-        self._up, self._gait, self._swings = self._up[first:], self._gait[first:], self._swings[first:]
+    def _drop(self, count: int) -> None:
+        """Drop the first samples and their slow parts."""
+        self._first += count
+        self._rows, self._rate, self._R = self._rows[count:], self._rate[count:], self._R[count:]
+        self._up, self._gait, self._swings = self._up[count:], self._gait[count:], self._swings[count:]
 
-    def _add_opening(self, t: Floats, flexion: Floats, up: Floats, turn: Ints, stands: bool = False) -> None:
-        """Add the steps in the opening between samples `turn` (2,), split at pauses; `stands`: standing follows."""
-        turn = split_at_pauses(t, flexion, turn)
-        start, stop = find_inner_spans(flexion, turn)
-        possible = are_step_like(flexion, turn, t[stop] - t[start])
-        for k in range(len(start)):
-            together = t[start[k]] - self._last_stop_t < PAUSE_S
-            self._last_stop_t = float(t[stop[k]])
-            if not (possible[k] and together):
-                self._close_bout()
-            if not possible[k]:
-                continue
-            pauses = stands or k + 1 < len(start)
-            begin, end = int(turn[k] if together else start[k]), int(stop[k] if pauses else turn[k + 1])
-            chord = float(np.linalg.norm(up[turn[k + 1]] - up[turn[k]]))
-            self._add_step(begin, end, 2.0 * np.arcsin(chord / 2.0), float(flexion[turn[k + 1]] - flexion[turn[k]]))
+    def _add_openings(self, new: Openings, is_open: bool) -> None:
+        """Add openings that follow the last turning point, in samples from that on, with the attitudes about them."""
+        new = new._replace(sample=new.sample + self._turn + self._first)
+        self._openings = Openings(*(np.concatenate(pair) for pair in zip(self._openings, new, strict=True)))
+        self._is_open = is_open
+        _, begin, end = find_ends(self._openings, is_open)
+        for k in range(len(begin) - len(new.t), len(begin)):
+            column = [begin[k], end[k]]
+            a, b = self._openings.sample[k, column] - self._first
+            half = (b - a + 1) // 2
+            level, sigma = self._R[max(a - half, 0) : b + half, :2].mean(axis=0), float(self.latest.sigma[2])
+            moment = (self._openings.t[k, column], self._R[[a, b]], level, sigma, self._lost_m2)
+            self._moments = _Moments(
+                *(np.concatenate([all_, [one]]) for all_, one in zip(self._moments, moment, strict=True))
+            )
 
-    def _add_step(self, start: int, stop: int, opening: float, swept: float) -> None:
-        """Add a step between samples counted from the last turning point; `opening` rad, signed flexion `swept` rad."""
-        a, b = start + self._turn, stop + self._turn
-        half = (b - a + 1) // 2
-        level = self._R[max(a - half, 0) : b + half, :2].mean(axis=0)
-        numbers = (a + self._base, b + self._base, opening, swept, self._bouts, self._heading_sigma, self._lost_m2)
-        ends = (float(self._t[a]), float(self._t[b])), (self._R[a].copy(), self._R[b].copy())
-        self._bout.append(_Found(np.array([*numbers, *level.ravel()]), *ends))
-        # `MIN_STEPS` in a row are a walk: store all of them, then each further one
-        count = len(self._bout)
-        for number in range(0 if count == MIN_STEPS else count - 1, count if count >= MIN_STEPS else 0):
-            step = self._bout[number]
-            if not len(self._rows):
-                self._ends.append(StrideEnd(0, int(step.row[0]), step.t[0], step.nav_R_body[0]))
-            self._rows = np.vstack([self._rows, step.row])
-            # the other leg's step ends a stride
-            if number > 0:
-                self._end_stride(step, if_forward=False)
+    def _join(self) -> tuple[Steps, Ints]:
+        """All steps so far, with the front as it is known now, and the opening (S,) of each."""
+        return join_openings(self._openings._replace(swept=self._front * self._openings.swept), self._is_open)
 
-    def _close_bout(self) -> None:
-        """End the bout in progress, and the stride in it that is not complete."""
-        if len(self._bout) >= MIN_STEPS:
-            self._bouts += 1
-            self._end_stride(self._bout[-1], if_forward=True)
-        self._bout = []
-
-    def _end_stride(self, step: _Found, if_forward: bool) -> None:
-        """Record the end of a stride at this step if its leg swings forward (`if_forward`), or if it does not."""
-        if bool(self._front * step.row[3] > 0) == if_forward:
-            self._ends.append(StrideEnd(len(self._rows), int(step.row[1]), step.t[1], step.nav_R_body[1]))
+    def _end_strides(self) -> list[StrideEnd]:
+        """Strides completed since the last call; before the first of them where it begins."""
+        steps, of = self._join()
+        if not len(steps):
+            return []
+        # the last one is complete with the step of the other leg, or with its bout
+        begin, last = steps.strides, len(steps) - 1
+        is_bout_open = self._is_open and of[last] == len(self._openings.t) - 1
+        is_complete = not is_bout_open or (not steps.forward[last] and last > begin[-1])
+        until = np.concatenate([[0], begin[1:], [last + 1] if is_complete else []]).astype(np.int64)
+        ends = []
+        for count in until[self._n_ends :].tolist():
+            step, side = (count - 1, 1) if count else (0, 0)
+            sample = int(steps.stop[step] if side else steps.start[step])
+            t, R = self._moments.t[of[step], side], self._moments.nav_R_body[of[step], side]
+            ends.append(StrideEnd(count, sample, float(t), R))
+        self._n_ends += len(ends)
+        return ends

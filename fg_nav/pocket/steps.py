@@ -49,6 +49,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
@@ -71,7 +72,7 @@ MIN_FORCE_M_S2 = 3.0  # slow vertical force: a third of gravity, and less is the
 GAIT_HZ = 4.0  # Front and back follow from what is slower than this: three a stride, and nothing of the footfalls.
 UPRIGHT_DEG = 45.0  # A thigh farther off its mean is sitting down or getting up, which shows nothing of front and back.
 MIN_SKEW = 0.1  # a skewness below this does not distinguish forward from backward
-HYSTERESIS_DEG = 12.0  # Flexion comes back by so much after a turning point; a thigh gives way by 7 to 11 in turns.
+HYSTERESIS = np.radians(12.0)  # Flexion comes back by so much after a turn, rad; a thigh gives way by 7 to 11 deg.
 MIN_OPENING_DEG = 20.0  # Less is no step: legs that turn on the spot open by 16, the first step of a walk by more.
 MAX_OPENING_DEG = 85.0  # More, deg, is no step: a runner opens by up to 75.
 MAX_FLEXED_DEG = 50.0  # The middle of a step is no farther from that of the walk, deg: seated it is at 60 to 80.
@@ -308,6 +309,20 @@ class Steps:
         return np.flatnonzero(begins)
 
 
+class Openings(NamedTuple):
+    """P openings of a leg, in order.
+
+    `sample` and `t` (P, 4): the turning point before, both ends of the inner 80 % of flexion, the turning point after;
+    `opening` and `swept` (P,) rad, by the directions of up and, signed, by flexion; `is_step_like` (P,).
+    """
+
+    sample: Ints
+    t: Floats
+    opening: Floats
+    swept: Floats
+    is_step_like: Bools
+
+
 def find_steps(t: Floats, flexion: Floats, up: Floats) -> Steps:
     """Find the steps of a thigh; there may be none.
 
@@ -317,26 +332,45 @@ def find_steps(t: Floats, flexion: Floats, up: Floats) -> Steps:
     flexion : (N,) rad, positive with the knee ahead, and free of what is faster than 6 Hz.
     up : (N, 3) unit vector up in the body, low-passed alike.
     """
-    # turning points, and each pause within an opening
-    turn = split_at_pauses(t, flexion, find_turning_points(flexion, float(np.radians(HYSTERESIS_DEG))))
+    return join_openings(measure_openings(t, flexion, up, find_turning_points(flexion, HYSTERESIS)))[0]
+
+
+def measure_openings(t: Floats, flexion: Floats, up: Floats, turn: Ints) -> Openings:
+    """Return the openings between turning points (M,), split at each pause; other arguments as of `find_steps`."""
+    turn = split_at_pauses(t, flexion, turn)
     start, stop = find_inner_spans(flexion, turn)
-    # bouts: openings that may be steps, without a pause between
-    swept = np.diff(flexion[turn])
-    together = t[start[1:]] - t[stop[:-1]] < PAUSE_S
-    walked, bout, bouts = np.zeros(len(start), dtype=np.bool_), np.zeros(len(start), dtype=np.int64), 0
-    for first, last in zip(*find_runs(are_step_like(flexion, turn, t[stop] - t[start])), strict=True):
-        cuts = first + 1 + np.flatnonzero(~together[first : last - 1])
-        for begin, end in pairwise([int(first), *cuts.tolist(), int(last)]):
-            if end - begin >= MIN_STEPS:
-                walked[begin:end], bout[begin:end] = True, bouts
-                bouts += 1
-    # steps that follow each other meet at the turning point
-    start[1:] = np.where(together, turn[1:-1], start[1:])
-    stop[:-1] = np.where(together, turn[1:-1], stop[:-1])
+    sample = np.stack([turn[:-1], start, stop, turn[1:]], axis=1)
     opening = 2.0 * np.arcsin(np.linalg.norm(np.diff(up[turn], axis=0), axis=1) / 2.0)
-    start, stop, bout = start[walked], stop[walked], bout[walked]
-    took = average_durations(t[stop] - t[start], bout)
-    return Steps(start, stop, opening[walked], took, swept[walked] > 0, bout)
+    possible = are_step_like(flexion, turn, t[stop] - t[start])
+    return Openings(sample, t[sample], opening, np.diff(flexion[turn]), possible)
+
+
+def find_ends(openings: Openings, is_open: bool) -> tuple[Bools, Ints, Ints]:
+    """Return which openings (P - 1,) the next one follows without a pause, and the columns (P,) of both ends of each.
+
+    Steps that follow each other meet at the turning point; `is_open`: the last one may still be followed.
+    """
+    sample, t = openings.sample, openings.t
+    together = (sample[1:, 0] == sample[:-1, 3]) & (t[1:, 1] - t[:-1, 2] < PAUSE_S)
+    begin, end = np.where(np.append(False, together), 0, 1), np.where(np.append(together, is_open), 3, 2)
+    return together, begin[: len(t)], end[: len(t)]
+
+
+def join_openings(openings: Openings, is_open: bool = False) -> tuple[Steps, Ints]:
+    """Return the steps among openings, and the opening (S,) of each."""
+    together, begin, end = find_ends(openings, is_open)
+    # bouts of openings that may be steps, without a pause between
+    bouts = []
+    for first, last in zip(*find_runs(openings.is_step_like), strict=True):
+        cuts = first + 1 + np.flatnonzero(~together[first : last - 1])
+        bouts += [(a, b) for a, b in pairwise([first, *cuts, last]) if b - a >= MIN_STEPS]
+    walked = np.concatenate([np.arange(0), *(np.arange(a, b) for a, b in bouts)]).astype(np.int64)
+    bout = np.repeat(np.arange(len(bouts)), [b - a for a, b in bouts]).astype(np.int64)
+    # the steps
+    begin, end = begin[walked], end[walked]
+    took = average_durations(openings.t[walked, end] - openings.t[walked, begin], bout)
+    start, stop = openings.sample[walked, begin], openings.sample[walked, end]
+    return Steps(start, stop, openings.opening[walked], took, openings.swept[walked] > 0, bout), walked
 
 
 def find_bounces(t: Floats, vertical: Floats, moving: Bools) -> Steps:

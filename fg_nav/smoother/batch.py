@@ -32,7 +32,7 @@ from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic import FootfallField
-from fg_nav.magnetic.quasi_static import UNKNOWN
+from fg_nav.magnetic.detectors import UNKNOWN
 from fg_nav.recording import Recording
 from fg_nav.smoother.building import follow_directions, mark_returns, tie_places
 from fg_nav.smoother.constraints import (

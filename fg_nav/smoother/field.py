@@ -13,7 +13,7 @@
 Every footfall with a reading has its compass. With T_k the statistic of the gate's detector, of n squares, and the
 walk's white spread of the field
 
-    sigma_k^2 = noise^2 + white^2 (2 + n T_k / median T) / (2 + n)         (`magnetic.quasi_static.weigh_statistic`)
+    sigma_k^2 = noise^2 + white^2 (2 + n T_k / median T) / (2 + n)         (`magnetic.detectors.weigh_statistic`)
 
 What deviates alike for metres and in whole regions are states (`field_factors`). The iron of the magnetometer has the
 prior of its calibration. Where a heading is given, the direction of the field is free about it; where not, the walk is
@@ -62,7 +62,7 @@ from fg_nav.errors import EstimationError
 from fg_nav.factors.magnetic_field import E_H, IRON, PHI, FieldPrior
 from fg_nav.factors.residual import ResidualBlock
 from fg_nav.magnetic import FootfallField
-from fg_nav.magnetic.quasi_static import FieldVerdicts, apply_gate, weigh_statistic
+from fg_nav.magnetic.detectors import FieldVerdicts, apply_gate, weigh_statistic
 from fg_nav.smoother.field_factors import (
     MIN_STEP_M,
     CompassReadings,

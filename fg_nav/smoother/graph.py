@@ -28,7 +28,7 @@ from gtsam.symbol_shorthand import A, B, M, P, S, V, X
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import Rest
-from fg_nav.detection.rolling_lever import RollingLever
+from fg_nav.detection.rest import RollingLever
 from fg_nav.detection.stance import Stances
 from fg_nav.factors.residual import LETTER_SHIFT, Keys, ResidualBlock, read_variables
 from fg_nav.frames import yaw_rotation

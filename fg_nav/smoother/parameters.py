@@ -22,7 +22,7 @@ class FieldParameters:
     differential: bool = True  #: Use what the field shows of the gyro bias while the foot stands.
     rounds: int = 2  #: Of noise and verdicts, taken again from the smoothed walk.
     gate: str = "ma2018"
-    """Detector of a quasi-static field (`fg_nav.magnetic.quasi_static.GATES`) whose statistic weighs the compass of a
+    """Detector of a quasi-static field (`fg_nav.magnetic.detectors.GATES`) whose statistic weighs the compass of a
     footfall; `none` weighs all alike, `NAME:hard` uses the compass exactly where the detector passes the field."""
 
 

@@ -65,8 +65,7 @@ from scipy.ndimage import maximum_filter1d
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.detection import Rest
-from fg_nav.detection.rest import find_start
-from fg_nav.detection.rolling_lever import RollingLever, estimate_lever
+from fg_nav.detection.rest import RollingLever, estimate_lever, find_start
 from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError
 from fg_nav.factors.differential_field import GYRO

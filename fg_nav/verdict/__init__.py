@@ -70,11 +70,10 @@ from functools import cached_property
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.detection.handedness import measure_axes, measure_swing_axes
-from fg_nav.detection.mount import measure_turning, remove_fast
+from fg_nav.detection.mount import measure_axes, measure_swing_axes, measure_turning, remove_fast
 from fg_nav.detection.rest import RestParameters, find_still_stretches
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.magnetic.quasi_static import QUASI_STATIC
+from fg_nav.magnetic.detectors import QUASI_STATIC
 from fg_nav.mechanisation import integrate_strides
 from fg_nav.samples.gaps import list_bridged, measure_unseen
 from fg_nav.solution import Solution, StanceTable
@@ -116,38 +115,16 @@ class WalkSigns:
     def __init__(self, walk: Walk, solution: Solution) -> None:
         self.walk, self.solution, self.table = walk, solution, solution.stances
         self.recording = walk.recording if solution.recording is None else solution.recording
-
-    @cached_property
-    def strides(self) -> Floats:
-        """(K, 3) m, from footfall to footfall."""
-        return np.diff(self.table.position, axis=0)
-
-    @cached_property
-    def lengths(self) -> Floats:
-        """(K,) m, over the ground."""
-        return np.hypot(self.strides[:, 0], self.strides[:, 1])
-
-    @cached_property
-    def way(self) -> float:
-        """Length of the path over the ground, m."""
-        return float(self.lengths.sum())
-
-    @cached_property
-    def sigma(self) -> float:
-        """Claimed sigma of the end over the ground, m; 0 without footfalls."""
-        return float(np.hypot(*self.table.position_sigma[-1, :2])) if len(self.table) else 0.0
-
-    @cached_property
-    def stride_speed(self) -> Floats:
-        """(K,) m/s, of each stride in space; 0 where the foot was not recorded in between."""
         t = self.table.t
+        self.strides = np.diff(self.table.position, axis=0)  # (K, 3) m, from footfall to footfall
+        self.lengths = np.hypot(self.strides[:, 0], self.strides[:, 1])  # (K,) m, over the ground
+        self.way = float(self.lengths.sum())  # m, of the path over the ground
+        # m, claimed sigma of the end over the ground; 0 without footfalls
+        self.sigma = float(np.hypot(*self.table.position_sigma[-1, :2])) if len(self.table) else 0.0
+        # (K,) m/s, of each stride in space; 0 where the foot was not recorded in between
         speed = np.linalg.norm(self.strides, axis=1) / np.maximum(np.diff(t), 1e-9)
-        return np.where(np.diff(self.sum_bridged(t)) > 0.0, 0.0, speed)
-
-    @cached_property
-    def usual_m_s(self) -> float:
-        """Median speed of the strides, m/s."""
-        return float(np.median(self.stride_speed)) if len(self.strides) else 0.0
+        self.stride_speed = np.where(np.diff(self.sum_bridged(t)) > 0.0, 0.0, speed)
+        self.usual_m_s = float(np.median(self.stride_speed)) if len(self.strides) else 0.0  # median of these
 
     def displace_end(self, turn: Floats) -> float:
         """Displacement of the end, m, by an error of the heading, (K + 1,) rad at the rows, to first order."""

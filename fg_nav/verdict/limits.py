@@ -12,7 +12,7 @@ speed          m/s     12        18      of the foot: 2.5 times that of the pers
 height rate    m/s     0.8       1.5     over 10 s and more: 0.5 is to run up stairs, 1 to run down
 strides        1       1/4       1/3     one over their number
 axes           -       3         7       log of the odds of other axes of the gyroscope than those given
-                                         (`detection.handedness`)
+                                         (`detection.mount`)
 ============== ======= ========= ======= ==============================================================================
 """
 
@@ -25,7 +25,7 @@ from typing import Literal
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.detection.handedness import DECISIVE, SUSPECT, AxesEvidence
+from fg_nav.detection.mount import DECISIVE, SUSPECT, AxesEvidence
 from fg_nav.detection.sensor_processing import measure_high_pass, measure_smoothing
 from fg_nav.detection.stance import Stances
 from fg_nav.frames import GRAVITY_M_S2

@@ -140,7 +140,7 @@ def test_what_is_written_can_be_read():
         ("acc=a:b:x,gyr=4:5:6", "no column 'x'.*it has 'a', 'b', 'c', 'd', 'd', 'f'"),
         ("acc=a:b:c,gyr=a:5:6", "'a' twice"),
         ("acc=a:b:c,gyr=d:5:6", "2 columns 'd'.*number"),
-        ("acc=a:b:c,acc=a:b:c,gyr=4:5:6", "acc twice"),
+        ("acc=a:b:c,acc=a:b:c,gyr=4:5:6", "acc needs three columns.*, once"),
         ("hello=3", "no mapping"),
         ("time=1:2,acc=a:b:c,gyr=4:5:6", "time needs one column"),
         ("acc=1:2:9,gyr=4:5:6", "no column '9'"),

@@ -16,10 +16,11 @@ from fg_nav.errors import DetectionError
 from fg_nav.frames import wrap_angle
 from fg_nav.io import read, write_canonical, write_tum
 from fg_nav.lab.field_survey import SAMPLEWISE, SURVEYED, USUAL, require_field
+from fg_nav.lab.sample_field import judge_samples
 from fg_nav.lab.simulation import simulate
 from fg_nav.lab.verbs.detect import DETECT_FILES
 from fg_nav.magnetic.axes import align_magnetometer
-from fg_nav.magnetic.quasi_static import DEFAULT, DETECTORS, apply_gate, judge_samples
+from fg_nav.magnetic.detectors import DEFAULT, DETECTORS, apply_gate
 from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import Recording
 from fg_nav.smoother.graph import KINDS

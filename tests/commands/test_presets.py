@@ -12,7 +12,7 @@ from fg_nav.ekf.presets import AS_PRINTED, GATED, NOT_RUN, PHYSICAL, PRESETS, TU
 from fg_nav.errors import EstimationError
 from fg_nav.io import write_canonical
 from fg_nav.lab.simulation import simulate
-from fg_nav.magnetic.quasi_static import DETECTORS
+from fg_nav.magnetic.detectors import DETECTORS
 from fg_nav.pipeline import prepare_walk, run_method
 from fg_nav.walk import Walk
 from tests.command_line import FgNav

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fg_nav.detection import StanceParameters, detect_stances
-from fg_nav.detection.causal import CausalParameters, CausalStances, Footfall, Sliding, join_footfalls
+from fg_nav.detection.causal import CausalParameters, CausalStances, Footfall, join_footfalls
 from fg_nav.detection.footfalls import MAX_SWING_S
 from fg_nav.errors import DetectionError
 from fg_nav.lab.simulation.motion import Style
@@ -69,17 +69,6 @@ def test_blocks_do_not_matter():
     for _ in range(5):
         cuts = np.sort(rng.integers(0, len(recording), rng.integers(1, 200)))
         assert same(whole, pushed(recording, cuts)[0])
-
-
-def test_what_waits_of_a_large_block_is_not_copied():
-    """The work on a walk that comes in one block is linear in it."""
-    recording = straight_walk(PERSON, strides=15).recording
-    stream = CausalStances()
-    next(stream.search(recording.t, recording.acc, recording.gyr))
-    (waiting,) = stream._waiting
-    assert all(
-        np.shares_memory(*both) for both in zip(waiting, (recording.t, recording.acc, recording.gyr), strict=True)
-    )
 
 
 def test_what_was_told_lies_in_order_and_apart():
@@ -166,7 +155,7 @@ def test_the_work_and_the_memory_do_not_grow():
         t = recording.t + turn * (recording.duration_s + 0.005)
         footfalls.append(len(stream.push(t, recording.acc, recording.gyr)))
     assert max(footfalls[1:]) - min(footfalls[1:]) <= 1
-    assert len(stream._search._level._rows) < 2.5 * 20.0 * 200
+    assert len(stream._search._level) < 2.5 * 20.0 * 200
 
 
 def test_nothing_and_too_little_are_no_walk():
@@ -194,15 +183,3 @@ def test_other_detectors_are_refused():
     for stance in (StanceParameters(detector="are"), StanceParameters(threshold=1e5)):
         with pytest.raises(DetectionError):
             CausalStances(replace(CausalParameters(), stance=stance))
-
-
-def test_a_sliding_store_keeps_the_last_rows():
-    rows = np.arange(300.0)
-    sliding = Sliding(20)
-    rng = np.random.default_rng(2)
-    while sliding.stop < 250:
-        sliding.append(rows[sliding.stop : sliding.stop + rng.integers(0, 30)])
-        first = max(0, sliding.stop - 20)
-        assert np.array_equal(sliding.between(first, sliding.stop), rows[first : sliding.stop])
-    with pytest.raises(IndexError):
-        sliding.between(0, 5)

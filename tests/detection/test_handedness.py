@@ -6,7 +6,7 @@ from itertools import permutations, product
 import numpy as np
 import pytest
 
-from fg_nav.detection.handedness import AXES, DECISIVE, measure_axes, refuse_wrong_axes
+from fg_nav.detection.mount import AXES, DECISIVE, measure_axes, refuse_wrong_axes
 from fg_nav.errors import RecordingError
 from fg_nav.lab.simulation import simulate
 from fg_nav.recording import Recording

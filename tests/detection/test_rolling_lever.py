@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fg_nav.detection import detect_stances
-from fg_nav.detection import rolling_lever as lever_module
-from fg_nav.detection.rolling_lever import estimate_lever
+from fg_nav.detection import rest as lever_module
+from fg_nav.detection.rest import estimate_lever
 from fg_nav.detection.stance import Stances
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation.motion import Ramps

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from fg_nav.detection.handedness import DECISIVE, MIN_THIGH_STRIDES, NO_SWINGS, SUSPECT, measure_swing_axes
+from fg_nav.detection.mount import DECISIVE, MIN_THIGH_STRIDES, NO_SWINGS, SUSPECT, measure_swing_axes
 from fg_nav.detection.source import AxesCheck
 from fg_nav.errors import RecordingError
 from fg_nav.lab.simulation import Choices, simulate

@@ -9,7 +9,7 @@ from fg_nav.ekf.compass import run_with_compass
 from fg_nav.ekf.core import run_iez
 from fg_nav.ekf.presets import AS_PRINTED, PHYSICAL, find_parameters
 from fg_nav.errors import EstimationError
-from fg_nav.magnetic.quasi_static import DETECTORS
+from fg_nav.magnetic.detectors import DETECTORS
 from tests.ekf.field_walks import STRAIGHT, off_deg, walked
 
 DRIFT = {"gyro_bias_deg_s": 0.2, "from_s": 3.0}

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fg_nav.detection.rolling_lever import estimate_lever
+from fg_nav.detection.rest import estimate_lever
 from fg_nav.ekf import IezParameters, run_iez
 from fg_nav.ekf.core import ACC_BIAS_SIGMA, ACC_BIAS_WALK, make_noise_models
 from fg_nav.ekf.measurements import update_in_stance

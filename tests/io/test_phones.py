@@ -71,7 +71,9 @@ def test_phyphox_files_of_several_experiments_are_refused(tmp_path: Path) -> Non
     time = files["meta/time.csv"].replace(f"{RAW.t[-1]:.15E}", "1.5")
     with pytest.raises(FormatError, match=r"lasts 3.0 s, but meta/time.csv says 1.5 s: give the files of one"):
         read_files({**files, "meta/time.csv": time}, tmp_path / "walk")
-    with pytest.raises(FormatError, match=r"holds two tables of the gyroscope .Gyroscope.csv, data.csv"):
+    with pytest.raises(
+        FormatError, match=r"holds two tables of a sensor .*gyroscope: Gyroscope.csv.* gyroscope: data.csv"
+    ):
         read_files({**phyphox(RAW), "data.csv": files["Gyroscope.csv"]}, tmp_path / "other")
 
 

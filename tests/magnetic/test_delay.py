@@ -9,7 +9,7 @@ import pytest
 
 from fg_nav.factors.rotation import rotation_exp
 from fg_nav.io import read
-from fg_nav.magnetic.delay import MagnetometerDelay, estimate_delay, holds_readings, remove_delay
+from fg_nav.magnetic.axes import MagnetometerDelay, estimate_delay, holds_readings, remove_delay
 from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import Recording
 from fg_nav.report.files import describe_delay

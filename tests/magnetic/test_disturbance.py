@@ -7,14 +7,14 @@ import pytest
 from scipy.special import chdtr
 
 from fg_nav.errors import MagneticError
-from fg_nav.magnetic.quasi_static import (
-    FALSE_ALARM_RATE,
+from fg_nav.lab.sample_field import (
     MATTERS_UT,
     SIGMA_UT,
     WINDOW_S,
     find_sample_threshold,
     judge_samples,
 )
+from fg_nav.magnetic.detectors import FALSE_ALARM_RATE
 from fg_nav.recording import Recording
 from tests.magnetic.fields import EARTH
 

@@ -8,7 +8,7 @@ import pytest
 from fg_nav.ekf.presets import find_parameters
 from fg_nav.errors import MagneticError
 from fg_nav.magnetic import DETECTORS, FieldVerdicts
-from fg_nav.magnetic.quasi_static import (
+from fg_nav.magnetic.detectors import (
     DISTURBED,
     GATES,
     HARD,

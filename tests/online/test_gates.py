@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fg_nav.magnetic.quasi_static import GATES, HARD, NO_GATE, QUASI_STATIC, apply_gate
+from fg_nav.magnetic.detectors import GATES, HARD, NO_GATE, QUASI_STATIC, apply_gate
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import OnlineOptions, rows_of
 from fg_nav.online.resolve import measure_online_field

@@ -8,7 +8,7 @@ import pytest
 
 from fg_nav.detection import detect_stances
 from fg_nav.frames import compute_heading
-from fg_nav.magnetic.quasi_static import DEFAULT, find_gate
+from fg_nav.magnetic.detectors import DEFAULT, find_gate
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import rows_of
 from tests.online.walks import NORTH, push, short_walk, solve_in_windows, solve_only_at

@@ -12,15 +12,15 @@ from fg_nav.frames import yaw_rotation
 from fg_nav.io import write_canonical
 from fg_nav.lab.follow_pocket import follow_pocket
 from fg_nav.lab.simulation import Choices, simulate
-from fg_nav.online.buffer import rows_of
+from fg_nav.online.buffer import OnlineOptions, rows_of
 from fg_nav.online.estimates import Revision, StanceEstimate, format_estimate
-from fg_nav.online.pocket import PocketNavigator, PocketOptions
+from fg_nav.online.pocket import PocketNavigator
 from fg_nav.pocket.dead_reckoning import StepLength, reckon_path
 from fg_nav.pocket.navigate import choose_start
 from fg_nav.pocket.steps import estimate_swing, find_steps
 
-EAST = PocketOptions(heading_rad=np.pi / 2)
-COMPASS = PocketOptions()
+EAST = OnlineOptions("pocket", np.pi / 2)
+COMPASS = OnlineOptions("pocket", None)
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,9 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -15,14 +17,13 @@ from fg_nav import cli
 from fg_nav.calibration.inertial import AccelerometerCalibration
 from fg_nav.calibration.of_recording import Calibration
 from fg_nav.columns.mapping import CANONICAL
-from fg_nav.errors import EstimationError, FormatError, OutputError
+from fg_nav.errors import EstimationError, FormatError, OutputError, StreamError
 from fg_nav.frames import compute_heading
 from fg_nav.io import write_canonical
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.online import record
 from fg_nav.online.buffer import OnlineOptions, rows_of
 from fg_nav.online.follow import Sensor, StreamOptions, follow
-from fg_nav.online.pocket import PocketOptions
 from fg_nav.online.record import Record
 from fg_nav.online.rows import RowReader
 from fg_nav.online.sources import TextSource
@@ -155,7 +156,7 @@ def test_a_walk_in_windows_goes_on(data, tmp_path, monkeypatch, lag_s):
 def test_in_a_pocket_the_lines_are_the_same(tmp_path, monkeypatch):
     recording = simulate("demo", 103, Choices(worn="pocket", rate_hz=100.0)).recording.slice(0, 2500)
     write_canonical(recording, tmp_path / "walk.csv")
-    data, options = (tmp_path / "walk.csv").read_bytes(), StreamOptions(online=PocketOptions())
+    data, options = (tmp_path / "walk.csv").read_bytes(), StreamOptions(online=OnlineOptions("pocket", None))
     whole, lines = walk_on(tmp_path / "whole.csv", Sent(data), options)
     navigator, given = walk_killed(tmp_path, monkeypatch, data, options, 5, goes_on=True)
     now = [[line for line in some if line["kind"] == "now"] for some in (lines, given)]
@@ -197,7 +198,7 @@ def test_what_cannot_go_on_is_refused_in_a_sentence(data, tmp_path):
     for other, words in (
         (StreamOptions(online=NORTH, calibration=Calibration("x", accelerometer=scale)), "another calibration"),
         (StreamOptions(online=OnlineOptions(heading_rad=1.0)), "other options"),
-        (StreamOptions(online=PocketOptions()), "other options"),
+        (StreamOptions(online=OnlineOptions("pocket", None)), "other options"),
     ):
         with pytest.raises(EstimationError, match=f"record.csv was recorded with {words}: resume it with the same"):
             walk_on(path, Sent(data), other)
@@ -215,6 +216,29 @@ def test_what_cannot_go_on_is_refused_in_a_sentence(data, tmp_path):
         walk_on(path, Sent(data), options)
     with pytest.raises(OutputError, match="--resume"):
         Record(path, False, False, print)
+
+
+def test_lines_without_their_samples_are_kept(data, tmp_path):
+    """Those of a walk whose samples were moved away: it cannot go on, and none of them is overwritten."""
+    path, lines = tmp_path / "record.csv", tmp_path / "record.csv.lines"
+    walk_on(path, Sent(data), StreamOptions(online=NORTH))
+    path.unlink()
+    kept = lines.read_bytes()
+    with pytest.raises(FormatError, match="is there, and the samples of its walk are not"):
+        walk_on(path, Sent(data), StreamOptions(online=NORTH))
+    assert lines.read_bytes() == kept
+
+
+def test_a_walk_that_is_stopped_while_it_is_replayed_can_be_resumed_again(data, tmp_path):
+    path, stop, lines = tmp_path / "record.csv", threading.Event(), list[str]()
+    walk_on(path, Sent(data[: len(data) // 2]), StreamOptions(online=NORTH))
+    kept = path.read_bytes()
+    stop.set()
+    with closing(Record(path, True, False, print)) as recording:
+        sensor, outlets = Sensor(Sent(data), StreamOptions(online=NORTH), recording), Outlets(lines.append, None, print)
+        with pytest.raises(StreamError, match="not replayed to its end: --resume goes on"):
+            follow({None: sensor}, outlets, stop)
+    assert (path.read_bytes(), lines) == (kept, [])
 
 
 def test_killed_from_outside_it_goes_on(data, tmp_path):

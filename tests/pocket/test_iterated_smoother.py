@@ -19,9 +19,11 @@ from fg_nav.pocket import (
     PocketSmootherParameters,
     PocketStart,
     estimate_pocket,
-    filter_equations,
     iterated_smoother,
     smooth_pocket,
+)
+from fg_nav.pocket import (
+    filter as pocket_filter,
 )
 from fg_nav.recording import Recording
 from tests.pocket.hand import moved
@@ -39,7 +41,7 @@ def assume(monkeypatch):
 
     def set_constants(**constants):
         for name, value in constants.items():
-            for module in (filter_equations, iterated_smoother):
+            for module in (pocket_filter, iterated_smoother):
                 if hasattr(module, name):
                     monkeypatch.setattr(module, name, value)
 
@@ -248,7 +250,7 @@ def test_pushed_in_pieces_it_says_what_it_says_of_a_recording(leg, recording):
     rng = np.random.default_rng(1)
     while at < len(recording):
         end = min(at + int(rng.integers(1, 60)), len(recording))
-        online.push(at, rows[at:end])
+        online.push(rows[at:end])
         found.append(online.latest)
         at = end
     for estimate in found[5:-5:7]:
@@ -267,7 +269,7 @@ def test_behind_a_gap_it_knows_less_and_finds_again_what_it_knew(leg, recording,
     rows, online, estimates = rows_of(recording), OnlinePocket(start_of(leg), recording.period_s, P), []
     for part in np.array_split(np.flatnonzero(~gap), 40):
         for piece in np.split(part, 1 + np.flatnonzero(np.diff(part) > 10)):
-            online.push(int(piece[0]), rows[piece])
+            online.push(rows[piece])
         estimates.append(online.latest)
     before, behind = (next(x for x in estimates if x.t > t) for t in (28.0, 30.0 + lost_s))
     assert (behind.sigma[:3] > 2 * before.sigma[:3]).all() or lost_s < 1.0

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from fg_nav.errors import EstimationError, OutputError, SimulationError
-from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, WalkErrors
 from fg_nav.lab.campaign import execute
 from fg_nav.lab.campaign.execute import evaluate_outcome, tasks_of
 from fg_nav.lab.campaign.methods import method_of, solve_by
@@ -15,6 +14,7 @@ from fg_nav.lab.campaign.walks import Simulated, simulate_calibration, simulate_
 from fg_nav.lab.simulation import simulate
 from fg_nav.lab.store import code
 from fg_nav.lab.store.results import Key, Result, read_result, write_result
+from fg_nav.lab.walked import AS_STARTED, BEST_YAW, WalkErrors
 from tests.real_data import DATA, needs_data
 from tests.scripts import load_script
 

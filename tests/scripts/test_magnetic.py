@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from fg_nav.errors import OutputError
-from fg_nav.evaluation.walked import AS_STARTED, WalkErrors
 from fg_nav.lab.store.results import Key, Result
+from fg_nav.lab.walked import AS_STARTED, WalkErrors
 from tests.real_data import DATA, needs_data
 from tests.scripts import load_script
 

@@ -7,7 +7,7 @@ import pytest
 
 from fg_nav.detection import detect_stances
 from fg_nav.ekf import run_iez
-from fg_nav.evaluation.walked import measure_walk
+from fg_nav.lab.walked import measure_walk
 from fg_nav.recording import RawRecording, Recording
 from fg_nav.smoother import smooth
 from fg_nav.truth import TrajectoryTruth

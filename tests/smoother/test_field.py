@@ -18,7 +18,7 @@ from fg_nav.lab.simulation import simulate
 from fg_nav.lab.simulation.fields import magnet
 from fg_nav.lab.simulation.fields.sources import Dipoles
 from fg_nav.magnetic import FootfallField, average_footfall_field
-from fg_nav.magnetic.quasi_static import DISTURBED, NO_FIELD, QUASI_STATIC, UNKNOWN, find_gate
+from fg_nav.magnetic.detectors import DISTURBED, NO_FIELD, QUASI_STATIC, UNKNOWN, find_gate
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.field import MIN_SEEN

@@ -8,7 +8,7 @@ import gtsam
 import numpy as np
 import pytest
 
-from fg_nav.detection.rolling_lever import RollingLever
+from fg_nav.detection.rest import RollingLever
 from fg_nav.detection.stance import Stances
 from fg_nav.recording import Recording
 from fg_nav.smoother import problem as problem_module

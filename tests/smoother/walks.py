@@ -11,7 +11,7 @@ from gtsam.symbol_shorthand import B, V, X
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection import detect_stances, find_rests
-from fg_nav.detection.rolling_lever import estimate_lever
+from fg_nav.detection.rest import estimate_lever
 from fg_nav.detection.stance import Stances
 from fg_nav.factors import guarded_factor
 from fg_nav.factors.residual import Keys, ResidualBlock, one_of

@@ -254,13 +254,11 @@ def _judge_field(xyz: Floats, topic: str) -> tuple[float, str]:
     """Return the factor from the unit of a field (N, 3) to uT, 0 if it is to be left out, and a note on it."""
     strength = measure_field_strength(xyz)
     strength = strength[np.isfinite(strength)]
-    if not strength.size:
-        return 0.0, f"{topic} has no field in it, and was left out"
-    median = float(np.median(strength))
+    median = float(np.median(strength)) if strength.size else 0.0
     if median == 0.0 or np.ptp(strength) <= _SAME * median:
         return 0.0, f"{topic} is normalized (its strength is always {median:.3g}), no field in uT, and was left out"
-    for unit, scale in _UNITS_UT.items():
-        if find_mag_problem(xyz * scale) is None:
-            told = "" if unit == "T" else f", in {unit} by its strength and not in T"
-            return scale, f"the magnetometer is {topic}{told}"
-    return 0.0, f"{topic} has a median strength of {median:.3g} T, no field on Earth, and was left out"
+    unit = next((unit for unit, scale in _UNITS_UT.items() if find_mag_problem(xyz * scale) is None), None)
+    if unit is None:
+        return 0.0, f"{topic} has a median strength of {median:.3g} T, no field on Earth, and was left out"
+    told = "" if unit == "T" else f", in {unit} by its strength and not in T"
+    return _UNITS_UT[unit], f"the magnetometer is {topic}{told}"

@@ -248,10 +248,8 @@ def read_phyphox(content: Content) -> RawRecording:
     for stream in streams:
         end = max(stream.t[np.isfinite(stream.t)].tolist(), default=0.0)
         if end > last + _LATE_S:
-            raise FormatError(
-                f"{stream.source} lasts {end:.1f} s, but meta/time.csv says {last:.1f} s: give the files of one "
-                f"experiment."
-            )
+            words = f"{stream.source} lasts {end:.1f} s, but meta/time.csv says {last:.1f} s"
+            raise FormatError(f"{words}: give the files of one experiment.")
     streams = [replace(one, t=_add_pauses(np.asarray(one.t, dtype=np.float64), pauses)) for one in streams]
     if streams:
         notes += [f"paused for {pause:.1f} s at {at:.1f} s: a gap" for at, pause in pauses]
@@ -399,10 +397,8 @@ def _find_force(
         else:  # by the metadata
             platform = metadata.get("platform", "").lower()
             if platform not in ("ios", "android"):
-                raise FormatError(
-                    f"{content.path.name} does not say whether it is of an iPhone or of an Android phone, whose signs "
-                    f"differ: add the Metadata.csv of the recording (a column 'platform' with ios or android)."
-                )
+                words = f"{content.path.name} does not say whether it is of an iPhone or of an Android phone"
+                raise FormatError(f"{words}, whose signs differ: add its Metadata.csv (a column 'platform').")
             said = metadata.get("standardisation", metadata.get("standardization", "")).lower()
             sign = -1.0 if platform == "ios" and said not in ("true", "1", "yes", "on") else 1.0
         notes.append("specific force is " + ("-" if sign < 0 else "") + "(Accelerometer + Gravity)")

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.columns.headers import Meaning, Quantity, find_factor, find_kinds_in, read_header, split_axis
+from fg_nav.columns.headers import Meaning, Quantity, find_factor, find_kinds_in, read_header, split_axis, split_words
 from fg_nav.columns.mapping import (
     ACC,
     GYR,
@@ -107,10 +107,7 @@ def choose(content: Content, table: Table) -> ColumnMap:
     """
     hints = make_hints(content)
     if not table.has_header and content.columns is None:
-        raise FormatError(
-            f"{hints.name} has {len(table.names)} columns and no header: say which is what by number from 1, "
-            f"{hints.suggest(OPEN)}."
-        )
+        raise hints.ask(f" has {len(table.names)} columns and no header: say which is what by number from 1", OPEN)
     return choose_columns(table.names, hints, content.sensor, content.columns, content.rate_hz is not None)
 
 
@@ -221,7 +218,9 @@ def find_sensor_table(content: Content) -> SensorTable | None:
     triads = {kind: found[0] for kind in NAMES if (found := find_triads(kind, meanings, names))}
     kinds = find_kinds_in(file)
     if not triads and len(kinds & NAMES.keys()) == 1:
-        axes = [(axis, k) for k, name in enumerate(names) if (axis := split_axis(name)) in ("x", "y", "z")]
+        axes = [
+            (axis, k) for k, name in enumerate(names) if (axis := split_axis(split_words(name))[1]) in ("x", "y", "z")
+        ]
         if sorted(axis for axis, _ in axes) == ["x", "y", "z"]:
             position = tuple(k for _, k in sorted(axes))
             triads = {kind: Channel(position, tuple(names[k] for k in position)) for kind in NAMES if kind in kinds}

@@ -24,11 +24,11 @@ import re
 import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Floats, Ints
 from fg_nav.columns.headers import find_factor, find_quantity
 from fg_nav.errors import FormatError
 from fg_nav.io.content import Content, choose_sensor, split_fields
@@ -45,9 +45,6 @@ from fg_nav.samples.plausibility import (
     median_period_s,
 )
 from fg_nav.samples.stamps import LOST_PERIODS
-
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
 
 # MetaWear
 
@@ -249,8 +246,8 @@ def _find_columns(header: TextTable, content: Content) -> dict[Sensor, Axes]:
         return {"acc": Axes(acc), "gyr": Axes(gyr), **magnetic}
     missing = " and no ".join(name for name, found in (("accelerometer", acc), ("gyroscope", gyr)) if not found)
     raise FormatError(
-        f"{content.path.name} has no {missing} (FreeAcc is without gravity): export it again with the inertial data "
-        f"(Acc_X, _Y, _Z and Gyr_X, _Y, _Z)."
+        f"{content.path.name} has no {missing} (FreeAcc is without gravity): export or record it with the inertial "
+        f"data (Acc_X, _Y, _Z and Gyr_X, _Y, _Z; of a DOT in 'Custom Mode 5')."
     )
 
 
@@ -261,19 +258,22 @@ def _divide_by_period(samples: dict[Sensor, Floats], sensors: Mapping[Sensor, Ax
         samples["acc"] = scale_values(samples["acc"], per_s)
         remarks.append("the specific force is from the changes of velocity over each sample")
     if sensors["gyr"].names != _GYR:
-        samples["gyr"] = scale_values(_find_turns_between(samples["gyr"], False), per_s)
+        samples["gyr"] = scale_values(_find_turns(samples["gyr"], False), per_s)
         remarks.append("the rate of turn is from the turns over each sample")
     return remarks
 
 
-def _find_rotations(wxyz: Floats) -> tuple[Rotation, Bools]:
-    """Rotations of quaternions (N, 4), and which (N,) are of unit length; the others are none."""
+def _find_turns(wxyz: Floats, is_attitude: bool) -> Floats:
+    """Rotation vectors (N, 3) rad from sample to sample, of turns (N, 4) or of attitudes; NaN where there is none."""
     from scipy.spatial.transform import Rotation  # slow to load
 
-    known = np.zeros(len(wxyz), dtype=np.bool_)
-    small = (np.abs(wxyz) < 2.0).all(axis=1)
-    known[small] = np.abs(np.linalg.norm(wxyz[small], axis=1) - 1.0) < 0.01
-    return Rotation.from_quat(np.where(known[:, None], wxyz, [1.0, 0.0, 0.0, 0.0]), scalar_first=True), known
+    with np.errstate(over="ignore", invalid="ignore"):
+        known = np.abs(np.linalg.norm(wxyz, axis=1) - 1.0) < 0.01
+    rotation = Rotation.from_quat(np.where(known[:, None], wxyz, [1.0, 0.0, 0.0, 0.0]), scalar_first=True)
+    if is_attitude:
+        rotation = Rotation.concatenate([rotation[:1], rotation[:-1].inv() * rotation[1:]])
+        known &= np.append(False, known[:-1])
+    return np.where(known[:, None], rotation.as_rotvec(), np.nan)
 
 
 # MT Manager
@@ -330,10 +330,8 @@ def _make_mt_time(clocks: dict[str, Floats], count: int, content: Content) -> tu
         said = next((match for match in map(_RATE.search, content.lines[:60]) if match), None)
         rate_hz = float(said[1]) if said else 0.0
         if not 1.0 <= rate_hz <= 1e4:
-            raise FormatError(
-                f"{content.path.name} holds packet numbers but neither time nor rate: give the rate it was recorded at "
-                f"in Hz, such as `--rate 100`."
-            )
+            words = f"{content.path.name} holds packet numbers but neither time nor rate"
+            raise FormatError(f"{words}: give the rate it was recorded at in Hz, such as `--rate 100`.")
     # packets
     packets = next((clocks[name] for name in _COUNTERS if name in clocks and np.isfinite(clocks[name]).any()), None)
     if packets is None:
@@ -355,16 +353,9 @@ def is_dot(content: Content) -> bool:
 
 def read_dot(content: Content) -> RawRecording:
     """Read an export of the app or a log of the PC SDK."""
-    path, header = content.path, find_header(content, lambda names: _FINE in names)
+    header = find_header(content, lambda names: _FINE in names)
     if header is None:
-        raise FormatError(f"{path.name} has no header with {_FINE}: export it again from the app.")
-    is_inertial = any(name.startswith(("Acc_", "Gyr_", "dv[", "dq_")) for name in header.names)
-    if not is_inertial and {"FreeAcc_X", "Euler_X", "Quat_W"} & set(header.names):
-        removed = "FreeAcc, from which gravity is removed," if "FreeAcc_X" in header else "the attitude"
-        raise FormatError(
-            f"{path.name} holds {removed} and no rate of turn: record in a mode with acceleration and angular "
-            f"velocity, such as 'Rate quantities (with mag)' or 'Custom Mode 5'."
-        )
+        raise FormatError(f"{content.path.name} has no header with {_FINE}: export it again from the app.")
     sensors = _find_columns(header, content)
     known = [group for group in (_TURN, _ATTITUDE) if group != sensors["gyr"].names]
     turned = next((group for group in known if set(group) <= set(header.names)), ())
@@ -372,7 +363,7 @@ def read_dot(content: Content) -> RawRecording:
     t, remarks = _make_dot_time(values[:, 0], content)
     done, judged = _divide_by_period(samples, sensors, t), tuple[str, ...]()
     if sensors["gyr"].names == _GYR:
-        turns = _find_turns_between(values[:, 1:], turned == _ATTITUDE) if turned else None
+        turns = _find_turns(values[:, 1:], turned == _ATTITUDE) if turned else None
         scale, judged = _judge_rate_unit(t, samples["acc"], samples["gyr"], turns, content)
         samples["gyr"] = scale_values(samples["gyr"], scale)
     return pack_samples(content, "xsens-dot", t, samples, sensors, row, [*remarks, *done, *judged])
@@ -416,16 +407,6 @@ def _judge_rate_unit(
         f"{content.path.name} does not show whether its gyroscope is in deg/s or rad/s (the SDK logs both): give it, "
         f"such as `--columns 'acc=Acc_X:Acc_Y:Acc_Z[m/s^2],gyr=Gyr_X:Gyr_Y:Gyr_Z[deg/s]' --rate {1.0 / period_s:.0f}`."
     )
-
-
-def _find_turns_between(wxyz: Floats, is_attitude: bool) -> Floats:
-    """Rotation vectors (N, 3) rad from sample to sample, of turns (N, 4) or of attitudes; NaN where there is none."""
-    attitude, known = _find_rotations(wxyz)
-    if not is_attitude or len(wxyz) < 2:
-        return np.where(known[:, None], attitude.as_rotvec(), np.nan)
-    turned = np.vstack([np.full(3, np.nan), (attitude[:-1].inv() * attitude[1:]).as_rotvec()])
-    turned[~known] = turned[1:][~known[:-1]] = np.nan
-    return turned
 
 
 def _compare_turns(t: Floats, gyr: Floats, turned: Floats) -> float | None:

@@ -23,15 +23,7 @@ from fg_nav.arrays import Floats
 from fg_nav.calibration.walk import WalkCalibrationParameters
 from fg_nav.detection import StanceParameters
 from fg_nav.errors import EstimationError, FgNavError
-from fg_nav.evaluation.walked import (
-    AS_STARTED,
-    BEST_YAW,
-    CLOSURE,
-    compare_at_footfalls,
-    measure_errors,
-    measure_walk,
-    path_length_m,
-)
+from fg_nav.evaluation.comparison import compare_at_footfalls
 from fg_nav.lab.campaign.methods import method_of, solve_by
 from fg_nav.lab.campaign.walks import LOOP, MIXTURES, NONE, RAW, WALK, Reading, Simulated, Source, UserScenario, unpack
 from fg_nav.lab.consistency import whiten_errors
@@ -39,7 +31,8 @@ from fg_nav.lab.landmarks import measure_landmarks
 from fg_nav.lab.simulation import Choices, scenario, simulate
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.results import Key, Result, encode_flags, write_result
-from fg_nav.magnetic.quasi_static import QUASI_STATIC
+from fg_nav.lab.walked import AS_STARTED, BEST_YAW, CLOSURE, measure_errors, measure_walk, path_length_m
+from fg_nav.magnetic.detectors import QUASI_STATIC
 from fg_nav.pipeline import prepare_walk
 from fg_nav.text import to_json
 from fg_nav.truth import TrajectoryTruth

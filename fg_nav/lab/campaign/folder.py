@@ -27,10 +27,10 @@ from pathlib import Path
 from typing import IO, Any
 
 from fg_nav.errors import CampaignError, OutputError
-from fg_nav.evaluation.walked import WalkErrors
 from fg_nav.lab.campaign.methods import method_of
 from fg_nav.lab.store.files import CAMPAIGN_MARKER, PART, atomic_write, find_foreign, list_visible
 from fg_nav.lab.store.results import USED, Key, Result
+from fg_nav.lab.walked import WalkErrors
 from fg_nav.system.processes import lock
 from fg_nav.text import format_count, to_json
 

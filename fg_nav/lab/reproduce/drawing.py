@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fg_nav.arrays import Bools, Floats
-from fg_nav.evaluation.walked import AS_STARTED
 from fg_nav.lab.reproduce.results import Picture
 from fg_nav.lab.store.results import USED, Result
+from fg_nav.lab.walked import AS_STARTED
 from fg_nav.report.plots import style
 
 

@@ -3,7 +3,7 @@
 The folder is that of `fg_nav.lab.store.results`, so that results of a campaign with the same walks hold here too.
 Measurements (`fg_nav.lab.store.results`) are made next to the walks, by the same processes.
 
-Figures of one method on one walk have the names of the papers (`fg_nav.evaluation.walked`).
+Figures of one method on one walk have the names of the papers (`fg_nav.lab.walked`).
 
 Workers store what they make themselves, so ending them loses only what each was at.
 """
@@ -18,7 +18,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from fg_nav.evaluation.walked import AS_STARTED
 from fg_nav.lab.campaign.execute import settings_of, store_task, tasks_of
 from fg_nav.lab.campaign.walks import LOOP
 from fg_nav.lab.landmarks import error_reduction_percent
@@ -28,6 +27,7 @@ from fg_nav.lab.simulation.fields.building import CLUTTERS, SMOOTH_KINDS
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.files import make_folder
 from fg_nav.lab.store.results import USED, Key, Measurement, Result, drop_paths, read_result
+from fg_nav.lab.walked import AS_STARTED
 from fg_nav.magnetic import DETECTORS
 from fg_nav.text import format_count
 

@@ -29,9 +29,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, TypeAdapter, ValidationError
 
-from fg_nav.evaluation.walked import WalkErrors
 from fg_nav.lab.store.code import code_sum, sum_sources
 from fg_nav.lab.store.files import atomic_write, make_folder, write_text
+from fg_nav.lab.walked import WalkErrors
 from fg_nav.text import to_json
 
 FORM = 2  # Layout of the files; an entry of another form does not hold.
@@ -170,7 +170,7 @@ class Result:
     ----------
     key, settings, code : which result, its settings, and the sum over the code that made it.
     failed : why there is no more; empty if there is.
-    errors : by alignment (`fg_nav.evaluation.walked`).
+    errors : by alignment (`fg_nav.lab.walked`).
     landmark : names, one a crossing.
     landmark_m : error at each crossing, by alignment.
     whitened : errors of position and heading over their sigma, by part (`fg_nav.lab.consistency`).

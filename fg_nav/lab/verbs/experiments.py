@@ -13,7 +13,6 @@ from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as Bars
 
 from fg_nav.commands.shared import RESULTS, Answer
-from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, CLOSURE
 from fg_nav.lab.campaign.command import Request, Summary, run_campaign
 from fg_nav.lab.campaign.dispatch import KILLED, Progress
 from fg_nav.lab.campaign.folder import TABLES
@@ -23,6 +22,7 @@ from fg_nav.lab.reproduce.results import describe_reproduction
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.results import Result
 from fg_nav.lab.verbs import CampaignRequest, ReproduceRequest
+from fg_nav.lab.walked import AS_STARTED, BEST_YAW, CLOSURE
 from fg_nav.report.terminal import can_show_progress, console, remark, ruled_table
 from fg_nav.text import format_count, to_json
 

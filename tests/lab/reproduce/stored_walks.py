@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, WalkErrors
 from fg_nav.lab.campaign.execute import settings_of
 from fg_nav.lab.store.results import Result, write_result
+from fg_nav.lab.walked import AS_STARTED, BEST_YAW, WalkErrors
 
 FOOTFALLS = 60
 

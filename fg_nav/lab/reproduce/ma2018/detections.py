@@ -58,13 +58,13 @@ from fg_nav.lab.simulation import SCENARIOS, Choices, SimulatedWalk, simulate
 from fg_nav.lab.simulation.plan import Stand
 from fg_nav.lab.store.results import Arrays, Measurement
 from fg_nav.magnetic import DETECTORS, FootfallField, average_footfall_field, judge_field
+from fg_nav.magnetic.detectors import QUASI_STATIC
 from fg_nav.magnetic.footfall_field import (
     compute_field_heading,
     compute_inclination,
     integrate_attitude,
     rotate_to_level,
 )
-from fg_nav.magnetic.quasi_static import QUASI_STATIC
 from fg_nav.recording import Recording
 from fg_nav.truth import TrajectoryTruth
 

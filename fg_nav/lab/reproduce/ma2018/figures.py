@@ -11,7 +11,6 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from fg_nav.arrays import Bools, Floats
-from fg_nav.evaluation.walked import AS_STARTED
 from fg_nav.lab.reproduce import drawing
 from fg_nav.lab.reproduce.drawing import Pictures
 from fg_nav.lab.reproduce.ma2018 import walks as tables
@@ -22,6 +21,7 @@ from fg_nav.lab.reproduce.results import Picture
 from fg_nav.lab.reproduce.walks import Walks
 from fg_nav.lab.roc import Roc
 from fg_nav.lab.store.results import Arrays, Result
+from fg_nav.lab.walked import AS_STARTED
 from fg_nav.report.plots import style
 
 
@@ -68,7 +68,7 @@ def figure_7(pictures: Pictures, loop: Loop) -> Picture:
     """Magnetic less gyro heading of each calibration along the loop."""
     with style.styled():
         figure, [axes] = drawing.new_panels(1, 1, 3.4)
-        axes.axhspan(-5.0, 5.0, color=style.SHADE, zorder=0)
+        axes.axhspan(-5.0, 5.0, color="#DCE9F2", zorder=0)
         for (label, method), colour in zip(_COMPARED.items(), style.CYCLE[1::-1] + style.CYCLE[2:], strict=False):
             axes.plot(np.degrees(loop.heading[method]), ".-", color=colour, linewidth=0.8, markersize=3.0, label=label)
         axes.set(xlabel="footfall", ylabel="heading difference (deg)")

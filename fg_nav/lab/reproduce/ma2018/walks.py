@@ -17,13 +17,13 @@ from typing import Literal
 
 import numpy as np
 
-from fg_nav.evaluation.walked import BEST_YAW
 from fg_nav.lab.reproduce import walks as read
 from fg_nav.lab.reproduce.ma2018.detections import CURVED_DEG, STRAIGHT_DEG, Case
 from fg_nav.lab.reproduce.ma2018.magnetometer import curve_rows
 from fg_nav.lab.reproduce.results import ABOVE, BELOW, Experiment, Picture, Reason, Row, Spread, one_line, reason_for
 from fg_nav.lab.reproduce.walks import Figure, Walks
 from fg_nav.lab.store.results import Key, Result
+from fg_nav.lab.walked import BEST_YAW
 
 OFFICE, MALL = "office", "mall"
 ZUPT, IQSF, PROPOSED, SMOOTHER, INERTIAL = "iez", "iqsf", "ma2018", "smoother", "inertial"

@@ -36,16 +36,16 @@ error if it ended where it began.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import EvaluationError
-from fg_nav.evaluation.comparison import Alignment, Comparison, compare, fit_scale
+from fg_nav.evaluation.comparison import Comparison, compare_at_footfalls, fit_scale
 from fg_nav.frames import wrap_angle
-from fg_nav.solution import Solution, StanceTable
-from fg_nav.truth import FootprintTruth, Truth
+from fg_nav.solution import Solution
+from fg_nav.truth import Truth
 
 AS_STARTED, BEST_YAW = "origin", "yaw"  # The two alignments of use.
 CLOSURE = "closure"  # In place of an alignment: there was no truth.
@@ -74,18 +74,6 @@ class WalkErrors:
         return 100.0 * self.end_m / self.distance_m if self.distance_m > 0.0 else float("nan")
 
 
-def compare_at_footfalls(solution: Solution, truth: Truth, mode: str) -> Comparison:
-    """Lay the footfalls of a solution on a truth; rows of the comparison are footfalls, or footprints with their time.
-
-    Raises `EvaluationError` as `fg_nav.evaluation.compare`.
-    """
-    stances = solution.stances
-    if isinstance(truth, FootprintTruth):
-        return compare(solution, truth, mode)
-    path = {name: getattr(stances, name) for name in ("t", "position", "nav_R_body")}
-    return compare(replace(solution, velocity=solution.velocity[stances.sample], **path), truth, mode)
-
-
 def measure_walk(solution: Solution, truth: Truth | None = None, mode: str = AS_STARTED) -> WalkErrors:
     """Measure a walk at its footfalls.
 
@@ -101,20 +89,6 @@ def measure_walk(solution: Solution, truth: Truth | None = None, mode: str = AS_
         raise EvaluationError("the solution has no stance, so it has no end: check the stance detection.")
     east, north, up = position[-1] - position[0]
     return WalkErrors(CLOSURE, path_length_m(position), float(np.hypot(east, north)), float(up))
-
-
-def measure_moment(solution: Solution, moment: StanceTable, truth: Truth, end: Alignment) -> WalkErrors:
-    """Errors of an online method's estimates at the moment, laid on the truth as its path at the end is.
-
-    Each is in the map of its moment, which a re-solve turns about its origin: a fit to all of them would mix frames.
-    With the alignment `end`, a wrong north of the moment is an error of the moment. Footprints are matched by number,
-    as there is no estimate of the moment between footfalls.
-
-    Raises `EvaluationError` as `measure_walk`.
-    """
-    truth = replace(truth, t=None) if isinstance(truth, FootprintTruth) else truth
-    found = compare_at_footfalls(replace(solution, stances=moment), truth, end.mode)
-    return measure_errors(found.realign(end), path_length_m(moment.position))
 
 
 def measure_errors(found: Comparison, walked_m: float) -> WalkErrors:
