@@ -213,8 +213,8 @@ class DifferentialFactors(GtsamFactors):
 
     def __init__(self, stances: StretchSum, standings: StretchSum, noise: FieldNoise, known: LevelBias) -> None:
         self.stances, self.standings, self.noise = stances, standings, noise
-        limited = limit_information(stances.information, standings.information, noise.iron, len(stances.count))
-        self.information = known.weaken(limited)
+        limited = _add_limited(stances.information, standings.information)
+        self.information = known.weaken(limited.eliminate_iron(noise.iron))
         residual, seen = self.information.residual(), np.flatnonzero(stances.count + standings.count)
         factors = (linear_factor_of(one_of(residual, int(k)), [B(int(k))]) for k in seen)
         super().__init__(*factors, kind="differential_field")
@@ -226,23 +226,16 @@ class DifferentialFactors(GtsamFactors):
             return np.where(information > 0.0, information**-0.5, np.nan)
 
 
-def limit_information(
-    stances: BiasInformation, standings: BiasInformation, iron: Iron, variables: int
-) -> BiasInformation:
-    """Limit the information of stances and of standings by what is common to each, add them, and eliminate the iron."""
-    return _add_limited(stances, standings, variables).eliminate_iron(iron)
-
-
-def _add_limited(stances: BiasInformation, standings: BiasInformation, variables: int) -> BiasInformation:
-    """Add them, of a walk of so many bias variables: what is common to all counts once, so each has a share of it."""
-    share = float(np.sqrt(variables))
+def _add_limited(stances: BiasInformation, standings: BiasInformation) -> BiasInformation:
+    """Add them, limited by what is common to all stances and to all standings: each variable has a share of it."""
+    share = float(np.sqrt(len(stances.matrix)))
     of_stances = stances.limit(share * float(np.radians(STANCE_SIGMA_DEG_S)))
     return of_stances + standings.limit(share * float(np.radians(STANDING_SIGMA_DEG_S)))
 
 
 def find_iron(stances: BiasInformation, standings: BiasInformation) -> Iron:
     """Find the iron of a walk, as that of all its bias variables together, and its bias too but for those limits."""
-    total = _add_limited(stances, standings, len(stances.matrix))
+    total = _add_limited(stances, standings)
     found = BiasInformation(total.matrix.sum(axis=0), total.vector.sum(axis=0)).find_iron(Iron.unknown(IRON_UT))
     return replace(found, covariance=found.covariance + MIN_IRON_UT**2 * np.eye(3))
 
