@@ -37,7 +37,7 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints, interpolate_columns
 from fg_nav.errors import EvaluationError
-from fg_nav.frames import wrap_angle, yaw_rotation
+from fg_nav.frames import yaw_rotation
 from fg_nav.solution import Solution
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth, check_truth
 
@@ -136,15 +136,6 @@ class Comparison:
     def error(self) -> Floats:
         """(M, 3) estimate minus truth, m."""
         return self.estimate - self.truth
-
-    def realign(self, alignment: Alignment) -> Comparison:
-        """Return the same points laid on the truth by another alignment."""
-        own = self.alignment
-        estimate = alignment.apply((self.estimate - own.shift) @ own.truth_R_nav)
-        yaw_error = self.yaw_error
-        if yaw_error is not None:
-            yaw_error = wrap_angle(yaw_error + yaw_between(own.truth_R_nav, alignment.truth_R_nav))
-        return replace(self, alignment=alignment, estimate=estimate, yaw_error=yaw_error)
 
 
 def compare(solution: Solution, truth: Truth, mode: str = "yaw") -> Comparison:

@@ -94,16 +94,11 @@ class Swings:
         return np.asarray(first < np.searchsorted(self.holes[:, 0], end))
 
 
-def align_clocks(first: Recording, first_stances: Stances, second: Recording, second_stances: Stances) -> ClockOffset:
-    """Find what is to be added to the second recording's stamps so that the feet swing in turn.
-
-    Raises `EstimationError` where the clocks do not fit as they are, and the recordings do not show by how much.
-    """
-    return match_swings(list_swings(first, first_stances), list_swings(second, second_stances))
-
-
 def match_swings(a: Swings, b: Swings) -> ClockOffset:
-    """Find the offset, s, to add to the times of b for which the feet swing alternately; raises as `align_clocks`."""
+    """Find what is to be added to the stamps of the second foot b so that the feet swing in turn.
+
+    Raises `EstimationError` where the clocks do not fit as they are, and the swings do not show by how much.
+    """
     if min(len(a.middle), len(b.middle)) < MIN_SWINGS:
         return ClockOffset(0.0)
     a = replace(a, middle=a.middle[:MAX_SWINGS])

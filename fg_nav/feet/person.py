@@ -73,7 +73,7 @@ def trace_person(right: Solution, left: Solution, cell_t: Floats, apart_cov: Flo
     of_right = right.stances.t
     alone = find_unrecorded(of_right, left.t)
     footfall_t = np.concatenate([left.stances.t, of_right[alone]])
-    own = np.concatenate([find_pose_cov(left.stances), find_pose_cov(right.stances)[alone]])
+    own = np.concatenate([left.stances.position_yaw_cov, right.stances.position_yaw_cov[alone]])
     order, in_time = np.argsort(footfall_t, kind="stable"), np.argsort(cell_t)
     footfall_t = footfall_t[order]
     apart = interpolate_columns(footfall_t, cell_t[in_time], apart_cov[in_time].reshape(len(cell_t), 16))
@@ -88,15 +88,6 @@ def trace_person(right: Solution, left: Solution, cell_t: Floats, apart_cov: Flo
     )  # fmt: skip
     runtime_s = max(left.runtime_s, right.runtime_s)
     return Solution(left.method, t, position, velocity, nav_R_person, table, runtime_s, left.parameters)
-
-
-def find_pose_cov(table: StanceTable) -> Floats:
-    """Covariance (K, 4, 4) of east, north, up and yaw; without correlations where the estimator has none."""
-    if table.pose_cov is not None:
-        return table.pose_cov
-    cov = np.zeros((len(table), 4, 4))
-    cov[:, :3, :3], cov[:, 3, 3] = table.position_cov, table.heading_sigma**2
-    return cov
 
 
 def _carry_on(t: Floats, foot: Solution, other: Solution) -> Floats:

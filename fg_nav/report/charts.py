@@ -28,7 +28,6 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.evaluation.comparison import Comparison
-from fg_nav.evaluation.metrics import pose_covariance
 from fg_nav.frames import compute_heading
 from fg_nav.magnetic.detectors import DISTURBED, QUASI_STATIC
 from fg_nav.samples.gaps import find_holes
@@ -255,7 +254,7 @@ class AlignedSolution:
             return 0.0
         moved = table.position - table.position[:1]
         v = np.column_stack([-moved[:, 1], moved[:, 0], np.zeros(len(table)), np.ones(len(table))])
-        covariance, _ = pose_covariance(table, np.arange(len(table)))
+        covariance = table.position_yaw_cov
         known = np.isfinite(covariance).all(axis=(1, 2))
         if not known.any():
             return 0.0

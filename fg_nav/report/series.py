@@ -1,8 +1,4 @@
-"""Charts over time, or along the path.
-
-height, sigmas, gyroscope bias, heading and its error, position error; the compass against the gyroscope and the
-strength of the field at the footfalls; the stances over specific force, rate and the detector's statistic. Of the graph
-the factors by kind, weight of each footfall's compass, gyro bias, and iSAM2 against the batch.
+"""Charts over time, or along the path: of methods, of the field at the footfalls, of samples, graph and returns.
 
 Headings are of the body's x axis, rad clockwise from north. Turns are counted from stance to stance: in a swing the
 axis may point anywhere, even up.
@@ -98,26 +94,15 @@ def _at_stances(t: Floats, value: Floats, color: str, name: str) -> Trace:
 
 @dataclass(frozen=True)
 class Headings:
-    """The headings of a solution of N samples and K stances.
+    """The headings, rad, of a solution of N samples and K stances."""
 
-    ========== ==== =====================================================================================
-    at_stances (K,) rad, turns counted
-    between    (N,) rad, within half a turn of the line through `at_stances`; NaN where the axis is steep
-    truth      (N,) rad, likewise; NaN where unknown
-    error      (K,) rad at the stances, wrapped, since the first known one where `gauge`; NaN where unknown
-    sigma      (K,) rad, the estimator's own, without the turn that an alignment removes
-    gauge           whether the heading at the start is sure: given, or zero by definition
-    wrapped         whether it turns too often to be shown with its turns
-    ========== ==== =====================================================================================
-    """
-
-    at_stances: Floats
-    between: Floats
-    truth: Floats
-    error: Floats
-    sigma: Floats
-    gauge: bool
-    wrapped: bool
+    at_stances: Floats  # (K,), turns counted
+    between: Floats  # (N,), within half a turn of the line through `at_stances`; NaN where the axis is steep
+    truth: Floats  # (N,), likewise; NaN where unknown
+    error: Floats  # (K,), wrapped, since the first known one where `gauge`; NaN where unknown
+    sigma: Floats  # (K,), the estimator's own, without the turn that an alignment removes
+    gauge: bool  # whether the heading at the start is sure: given, or zero by definition
+    wrapped: bool  # whether it turns too often to be shown with its turns
 
 
 def trace_headings(view: AlignedSolution) -> Headings:

@@ -1,27 +1,8 @@
-"""Paths for other programs: TUM, MATLAB (version 5), Parquet, ROS 2 (`.mcap`) and Rerun (`.rrd`).
+"""Paths for other programs: TUM, MATLAB (version 5), Parquet, ROS 2 and Rerun (docs/export.md).
 
-======= ===============================================================================================================
-TUM     lines `t x y z qx qy qz qw`, for evo and its kin
-MATLAB  structures `path`, `footfalls` and `about`. A row a sample; matrices 3 x 3 in pages:
-        `footfalls.position_cov_m2(:, :, k)` is the covariance of footfall k. Quaternions are w, x, y, z, as MATLAB's
-Parquet a table of the path, a row a sample, and a second file of the footfalls, with the columns of `strides.csv`, and
-        `time_utc` where it is known; the meaning of the columns in the attributes of the tables (`DataFrame.attrs`)
-ROS 2   a bag in one file, see below
-Rerun   the foot in motion, the path, footfalls with 95 % ellipsoids, and sigmas over time. The timeline is `utc` where
-        absolute time is known, else `recording`, seconds of the recording's clock
-======= ===============================================================================================================
-
-The bag:
-
-====================== ======================================================================================
-/fg_nav/odometry       `nav_msgs/Odometry`, one message a sample; pose in `odom` (East-North-Up from the start),
-                       twist in `foot`
-/fg_nav/path           `nav_msgs/Path`, one message at the end: the poses of the footfalls
-`pose.covariance`      of position, and about z of the heading; linear between two footfalls; `UNKNOWN` for roll
-                       and pitch, 0 between heading and position
-`twist`                linear: R^T v; angular is unknown
-stamps                 UTC where it is known, else the recording's clock, shifted to 0 where it began before
-====================== ======================================================================================
+In the bag of ROS 2 poses are in `odom` (East-North-Up from the start), twists in `foot`: linear R^T v, angular unknown.
+The covariance of a pose is of position, and about z of the heading, 0 between the two, `UNKNOWN` for roll and pitch;
+linear between footfalls. Stamps are UTC where it is known, else the recording's clock, from 0 where it began before.
 """
 
 from __future__ import annotations

@@ -1,15 +1,7 @@
-"""`report.html`: one self-contained page of a result.
+"""`report.html`: one self-contained page of a result (docs/files.md).
 
-It has the verdict, the figures of merit, sections with sentences and charts, remarks and parameters:
-
-========= =============================================================================================================
-one foot  path, graph, height, sigma, stances, gyroscope bias, heading (compass against gyroscope), field strength,
-          places recognized, errors
-two feet  path of the person and of both feet, distance between the feet, height, sigma, gyroscope bias, heading,
-          errors
-========= =============================================================================================================
-
-Each section is always there, and gives the reason where it has no chart.
+It has the verdict, the figures of merit, sections with sentences and charts, remarks and parameters. Each section is
+always there, and gives the reason where it has no chart.
 
 plotly.js (its basic bundle, MIT licence, in `LICENSE-plotly.txt`) stands in the page; it is packed in the package, and
 the figures are plain dictionaries, so no other package is needed. A policy in the page forbids every request, and all

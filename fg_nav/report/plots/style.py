@@ -4,14 +4,7 @@ Quiet axes, a palette for all eyes, one width. The palette of what is no chart i
 Design, 2008), in an order that keeps neighbours apart also in grey; truth is always the same wide grey line below the
 others. No global state of matplotlib is touched beyond the `styled` block, and no window system is needed.
 
-Pictures of a walk are charts of the page as PNG, from above and over time:
-
-==================== ========================================================
-run                  trajectory, heading, gyro_bias, stance_statistic
-two feet             trajectory
-comparison           trajectories, errors (with a truth), stance_statistic;
-                     per method trajectory, heading, gyro_bias
-==================== ========================================================
+Pictures of a walk are charts of the page as PNG (docs/files.md).
 """
 
 from __future__ import annotations
@@ -27,7 +20,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
-from matplotlib.figure import Figure, FigureBase
+from matplotlib.figure import Figure
 from matplotlib.image import imsave
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator, MultipleLocator, NullLocator
@@ -149,7 +142,14 @@ def render_matplotlib(*charts: Chart, title: str, caption: str | None = None) ->
         figure = new_figure(sum(heights))
         parts = figure.subfigures(len(charts), 1, squeeze=False, height_ratios=heights)[:, 0]
         for k, (part, chart) in enumerate(zip(parts, charts, strict=True)):
-            draw_chart(part, chart, title if k == 0 else "")
+            # panels below one another, the title above the first, a legend above each
+            names = [name for name in chart.layout if name.startswith("yaxis")]
+            shares = [float(np.ptp(chart.layout[name].get("domain", (0.0, 1.0)))) for name in names]
+            panels = part.subplots(len(names), 1, sharex=True, squeeze=False, height_ratios=shares)[:, 0]
+            for axes, name in zip(panels, names, strict=True):
+                draw_panel(axes, chart, name)
+                axes.label_outer()
+                head(axes, title if k == 0 and axes is panels[0] else "")
             words = chart.caption if caption is None else caption
             if caption is None or k == len(charts) - 1:
                 below: dict[str, Any] = {"x": 0.01, "ha": "left", "fontsize": 8.5, "color": SOFT_INK}
@@ -167,17 +167,6 @@ def find_height(chart: Chart) -> float:
 def find_map_height(width_m: float, height_m: float) -> float:
     """Height of a picture in inches of a map of this extent."""
     return float(np.clip(WIDTH_IN * height_m / width_m, 3.5, 8.0)) + 0.9
-
-
-def draw_chart(figure: FigureBase, chart: Chart, title: str) -> None:
-    """Draw a chart into a figure: its panels below one another, the title above the first, a legend above each."""
-    names = [name for name in chart.layout if name.startswith("yaxis")]
-    shares = [float(np.ptp(chart.layout[name].get("domain", (0.0, 1.0)))) for name in names]
-    panels = figure.subplots(len(names), 1, sharex=True, squeeze=False, height_ratios=shares)[:, 0]
-    for axes, name in zip(panels, names, strict=True):
-        draw_panel(axes, chart, name)
-        axes.label_outer()
-        head(axes, title if axes is panels[0] else "")
 
 
 def draw_panel(axes: Axes, chart: Chart, name: str = "yaxis") -> None:
