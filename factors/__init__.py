@@ -26,7 +26,6 @@ from .walk_constraints import (
     BuildingDirection,
     FloorHeight,
     UnseenWalk,
-    position_fix_factor,
     position_fix_noise,
 )
 from .zero_velocity import StanceVelocity, zero_rate_factor
@@ -51,7 +50,6 @@ __all__ = [
     "guarded_factor",
     "integrate_field",
     "linear_factor_of",
-    "position_fix_factor",
     "position_fix_noise",
     "weigh_place",
     "zero_rate_factor",

@@ -153,24 +153,14 @@ class Variogram:
 
 @dataclass(frozen=True)
 class FieldStretches:
-    """Samples of the field, T in S stretches; where each has its rotation, its bias Jacobian and its place.
+    """Samples of the field, T in S stretches; where each has its rotation, its bias Jacobian and its place."""
 
-    ============== ========== ====================================================================
-    body_field     (T, 3)     uT, calibrated
-    rotation       (T, 3, 3)  dR_t at the bias b0
-    bias_jacobian  (T, 3, 3)  J_t, s (`rotation.relative_rotations`)
-    position       (T, 3)     m, in any frame
-    stretch        (T,)       0 to S - 1, ascending; each has samples
-    gyro_bias      (S, 3)     b0 of each, rad/s
-    ============== ========== ====================================================================
-    """
-
-    body_field: Array
-    rotation: Array
-    bias_jacobian: Array
-    position: Array
-    stretch: Ints
-    gyro_bias: Array
+    body_field: Array  # (T, 3) uT, calibrated.
+    rotation: Array  # (T, 3, 3) dR_t at the bias b0.
+    bias_jacobian: Array  # (T, 3, 3) J_t, s (`rotation.relative_rotations`).
+    position: Array  # (T, 3) m, in any frame.
+    stretch: Ints  # (T,) 0 to S - 1, ascending; each has samples.
+    gyro_bias: Array  # (S, 3) b0 of each, rad/s.
 
     def select(self, first: int, last: int) -> "FieldStretches":
         """Return those of numbers `first` to `last`, counted from the first."""

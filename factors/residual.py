@@ -33,25 +33,10 @@ LETTER_SHIFT = 56  # A gtsam key carries its letter in the highest byte.
 def guarded_factor(
     name: str, keys: Sequence[int], dims: Sequence[int], noise: gtsam.noiseModel.Base, residual: Evaluate
 ) -> gtsam.CustomFactor:
-    """Wrap a residual as a factor that raises ValueError instead of crashing.
+    """Wrap a residual as a factor that raises ValueError instead of crashing; `name` is for its message.
 
-    Parameters
-    ----------
-    name : str
-        Of the factor, for messages.
-    keys, dims
-        Variables it touches and their tangent-space dimensions.
-    noise
-        Its dimension is that of the residual.
-    residual
-        Takes the values of the keys and whether Jacobians are wanted; returns the residual (r,) and a list with one
-        Jacobian (r, d_i) for each key, in gtsam's tangent-space order.
-
-    Raises
-    ------
-    ValueError
-        If keys and dims do not match; later, from within gtsam, if what the residual function returns does not.
-        The dimension of a key's variable is not checked.
+    `residual` takes the values of the keys, of these tangent-space dimensions, and whether Jacobians are wanted; it
+    returns the residual (r,) and a list with one Jacobian (r, d_i) for each key, in gtsam's tangent-space order.
     """
     if len(keys) != len(dims):
         raise ValueError(f"{name}: there are {len(keys)} keys and {len(dims)} dimensions.")
@@ -211,13 +196,6 @@ class ResidualBlock:
     def error(self, values: gtsam.Values) -> float:
         """Half the sum of squares of the residuals over their sigmas."""
         return 0.5 * float((self.evaluate(values, False)[0] ** 2).sum()) if len(self) else 0.0
-
-    def linearize(self, values: gtsam.Values) -> Iterator[gtsam.JacobianFactor]:
-        """Yield one factor a residual, linearized at these values."""
-        if len(self):
-            noise, (e, H) = gtsam.noiseModel.Unit.Create(self.residuals.rows), self.evaluate(values)
-            for k, keys in enumerate(self.keys):
-                yield _linear(keys, -e[k], [A[k] for A in H], noise)
 
     def stack(self, values: gtsam.Values) -> list[Stack]:
         """Return the block as one stack [A | b] linearized at these values, b = -e; empty for no residuals."""

@@ -79,22 +79,10 @@ def turn_from(nav_R_level: Array, nav_R_body: Array) -> tuple[Array, Array, Arra
 
 
 def relative_rotations(rates: Array, periods: Array, segment: Ints, bias: Array) -> tuple[Array, Array]:
-    """Rotations of each sample of each stretch to its first, and their derivatives by the gyro bias.
+    """Return dR_t(b0) and J_t (T, 3, 3) s of each sample of each stretch: the identity and zero at each first one.
 
-    Parameters
-    ----------
-    rates : (T, 3) rad/s
-        Each held over its period.
-    periods : (T,) s
-    segment : (T,) int
-        Stretch of each sample, in ascending order.
-    bias : (3,) or (S, 3) rad/s
-        Linearization point b0, common or for each stretch.
-
-    Returns
-    -------
-    rotations, bias_jacobians : (T, 3, 3) and (T, 3, 3) s
-        dR_t(b0) and J_t: the identity and zero at each first sample.
+    `rates` (T, 3) rad/s are held over `periods` (T,) s; `segment` (T,) is the stretch of each sample, ascending; `bias`
+    b0 (3,) or (S, 3) rad/s is common or one for each stretch.
     """
     first = np.searchsorted(segment, segment)
     turn = (rates - (bias if bias.ndim == 1 else bias[segment])) * periods[:, None]

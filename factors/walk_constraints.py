@@ -28,13 +28,10 @@ a threshold, and a zero beyond it in place of no row. The mixture is this projec
 
 Position fix: a surveyed point, or a receiver's position, in the navigation frame
 ---------------------------------------------------------------------------------
-The residual is that of gtsam's own `GPSFactor`, on the axes of the navigation frame,
-
-    e = p - fix,    de/dpose = [0, nav_R_body].
+The factor is gtsam's own `GPSFactor`, on the axes of the navigation frame: e = p - fix.
 
 A fix that is known in the plane only has an infinite sigma upwards. Fixes are taken as independent: take one each ten
-seconds or so, or enlarge sigma by the square root of how many share an error; where some are plainly wrong wrap the
-noise in `gtsam.noiseModel.Robust`.
+seconds or so.
 
 Floors (`FloorHeight`): all footfalls on one floor of a building are at one height
 ----------------------------------------------------------------------------------
@@ -97,17 +94,11 @@ def odds_of_elsewhere(sigma: float, share: float) -> float:
 class BuildingDirection:
     """Course from one footfall to another; variables nav_T_body at both, and alpha (1,) rad.
 
-    Two rows, the half square of which is the loss h rho(x), at the weight w(x) of the mixture at hand:
+    Two rows, the half square of which is the loss h rho(x), at the weight w(x) of the mixture at hand (IRLS):
 
         sqrt(h) [ sqrt(w) x | sqrt(2 rho - w x^2) ],     of which the second depends on nothing.
 
-    Half the square of both with the weight held is the loss at the point of linearization, and above it anywhere else:
-    the error that the linear model promises is one the loss keeps, and a solver's criterion is meaningful (IRLS).
-
-    Attributes
-    ----------
-    sigma, odds : s rad, and c.
-    share : h (...,).
+    `sigma` s rad, `odds` c, `share` h (...,).
     """
 
     name: ClassVar[str] = "building direction"
@@ -167,21 +158,6 @@ def position_fix_noise(horizontal_sigma: float, vertical_sigma: float = np.inf) 
     if not (sigmas > 0.0).all():
         raise ValueError("position fix: the sigmas must be above zero.")
     return gtsam.noiseModel.Diagonal.Precisions(sigmas**-2.0)
-
-
-def position_fix_factor(pose_key: int, nav_position: Array, noise: gtsam.noiseModel.Base) -> gtsam.GPSFactor:
-    """Tie a pose to a fix.
-
-    Parameters
-    ----------
-    pose_key
-        Key of nav_T_body (Pose3).
-    nav_position : (3,) m
-        The fix; with a planar noise its height does not count.
-    noise
-        Of dimension 3, m, on nav's axes; see `position_fix_noise`.
-    """
-    return gtsam.GPSFactor(pose_key, np.asarray(nav_position, dtype=np.float64), noise)
 
 
 @dataclass(frozen=True)
@@ -259,24 +235,16 @@ class BarometerDrift:
 
 @dataclass(frozen=True)
 class UnseenWalk:
-    """What is expected of a walk that was not seen; variables nav_T_body before and behind.
-
-    ============== ======== ================================================
-    move_sigma     (..., 3) m, of the displacement, east, north and up
-    turn           (...)     rad about up, counter-clockwise, as expected
-    turn_sigma     (...)     rad
-    tilt_sigma     (...)     rad, of the tilt behind against that before
-    ============== ======== ================================================
-    """
+    """What is expected of a walk that was not seen; variables nav_T_body before and behind."""
 
     name: ClassVar[str] = "unseen walk"
     dims: ClassVar[tuple[int, ...]] = (POSE, POSE)
     rows: ClassVar[int] = ROWS
 
-    move_sigma: Array
-    turn: Array
-    turn_sigma: Array
-    tilt_sigma: Array
+    move_sigma: Array  # (..., 3) m, of the displacement, east, north and up.
+    turn: Array  # (...) rad about up, counter-clockwise, as expected.
+    turn_sigma: Array  # (...) rad.
+    tilt_sigma: Array  # (...) rad, of the tilt behind against that before.
 
     def evaluate(self, variables: Sequence[Array], with_jacobians: bool) -> tuple[Array, list[Array]]:
         """Return the residual (..., 7) and its Jacobians by both poses."""

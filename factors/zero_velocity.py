@@ -95,13 +95,6 @@ class ZeroRate:
 
 
 def zero_rate_factor(bias_key: int, rate: Array, covariance: Array) -> gtsam.CustomFactor:
-    """Robust prior on the gyroscope's half of a bias (imuBias.ConstantBias); that of the accelerometer stays free.
-
-    Parameters
-    ----------
-    rate : (3,) rad/s
-        Mean over the rest.
-    covariance : (3, 3) rad^2/s^2
-    """
+    """Robust prior on the gyroscope's half of a bias: mean `rate` (3,) rad/s of a rest, covariance (3, 3) rad^2/s^2."""
     weight = np.linalg.cholesky(np.linalg.inv(covariance)).T
     return factor_of(ZeroRate(np.asarray(rate, dtype=np.float64), weight), [bias_key])

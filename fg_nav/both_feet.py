@@ -223,8 +223,8 @@ def navigate_feet(
 
     Parameters
     ----------
-    first, second : Recording, path or Walk
-        What the sensors recorded, as `navigate` takes it.
+    first, second, options, progress
+        As of `navigate`; the options are for both recordings.
     method : str
         `smoother` or `inertial`.
     heading_deg : float
@@ -232,14 +232,10 @@ def navigate_feet(
         field, or zero.
     truth : two of truth or path
         Of each recording, in one frame.
-    options : Options
-        All else that can be chosen, for both recordings.
     clock_offset_s : float
         To add to the stamps of the second recording; without it as the signals of both show.
     sides : "left,right" or "right,left"
         Feet of the recordings; without it as the steps show, else left and right.
-    progress
-        Called from time to time with the fraction of the work that is done.
 
     Returns
     -------

@@ -53,7 +53,7 @@ from fg_nav.samples.readings import (
     interpolate_unread,
     rebuild_peaks,
 )
-from fg_nav.samples.stamps import GAP_PERIODS, MAX_BRIDGED_S, MAX_GAP_S, even_stamps, find_lost_share, order_stamps
+from fg_nav.samples.stamps import GAP_PERIODS, MAX_BRIDGED_S, MAX_GAP_S, find_lost_share, order_stamps, remove_jitter
 from fg_nav.text import format_count
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 
@@ -302,8 +302,11 @@ def _admit(raw: RawRecording, longest_gap_s: float) -> Recording:
     kept = usable[found.kept]
     _check_count(len(kept))
     missing = _judge_missing(raw, is_usable, int(kept.min()), int(kept.max()))
-    t, remarks = even_stamps(found.t)
-    notes = [*raw.provenance.notes, *missing, *found.remarks, *_note_gaps(raw, kept, found.t), *remarks]
+    notes = [*raw.provenance.notes, *missing, *found.remarks, *_note_gaps(raw, kept, found.t)]
+    # a sensor samples evenly, however its samples were stamped on the way
+    t = remove_jitter(found.t)
+    if not np.array_equal(t, found.t):
+        notes.append(f"evened out the jitter of the stamps, up to {1e3 * float(np.abs(t - found.t).max()):.1f} ms")
     provenance = replace(raw.provenance, cut_samples=found.cut)
     raw = replace(raw, truth=_move_to_clock(raw.truth, raw.t[kept], t), provenance=provenance)
     return _leave_out_bad(raw, kept, t, notes)

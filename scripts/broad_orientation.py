@@ -48,8 +48,7 @@ from fg_nav.io import read
 from fg_nav.io.content import read_content
 from fg_nav.io.matlab import mat_array
 from fg_nav.lab.follow_pocket import follow_pocket
-from fg_nav.pocket.filter import estimate_pocket
-from fg_nav.pocket.filter_equations import PocketParameters
+from fg_nav.pocket.filter import PocketParameters, estimate_pocket
 from fg_nav.pocket.iterated_smoother import PocketSmootherParameters, smooth_pocket
 from fg_nav.pocket.track import PocketTrack
 from fg_nav.recording import Recording

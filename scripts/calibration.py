@@ -49,8 +49,8 @@ from numpy.linalg import inv
 from scipy.linalg import polar
 
 from fg_nav.arrays import Floats
+from fg_nav.calibration import UPPER, circular_sd_deg
 from fg_nav.calibration.ellipsoid import fit_ellipsoid
-from fg_nav.calibration.magnetometer import UPPER, circular_sd_deg
 from fg_nav.calibration.walk import WalkCalibrationParameters, calibrate_on_walk
 from fg_nav.calibration.walk_model import StrideReadings, read_strides
 from fg_nav.detection import detect_stances

@@ -54,7 +54,7 @@ from fg_nav.pocket import (
     estimate_pocket,
     smooth_pocket,
 )
-from fg_nav.pocket.filter_equations import GYR_DENSITY_DEG
+from fg_nav.pocket.filter import GYR_DENSITY_DEG
 from fg_nav.recording import Recording
 from fg_nav.truth import TrajectoryTruth
 

@@ -46,7 +46,7 @@ from harness import Figure
 from walks import GDIN, OPENSHOE, REAL_WALKS
 
 from fg_nav.arrays import Bools, Floats
-from fg_nav.calibration.magnetometer import (
+from fg_nav.calibration import (
     UPPER,
     MagnetometerCalibration,
     circular_sd_deg,

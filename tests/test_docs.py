@@ -11,8 +11,8 @@ import typer
 
 import fg_nav
 from fg_nav import recording
+from fg_nav.calibration import MagnetometerCalibration
 from fg_nav.calibration.inertial import AccelerometerCalibration, GyroscopeCalibration
-from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.calibration.of_recording import METHODS as CALIBRATIONS
 from fg_nav.calibration.of_recording import Calibration
 from fg_nav.cli import app
@@ -110,7 +110,7 @@ def test_parameters_have_the_values_that_the_page_tells() -> None:
 
 def test_what_is_mended_has_the_limits_of_the_code() -> None:
     text = (ROOT / "docs/formats.md").read_text(encoding="utf-8")
-    assert f"up to {recording.MAX_GAP_S:g} s kept" in text
+    assert f"up to {stamps.MAX_GAP_S:g} s kept" in text
     assert f"up to {stamps.MAX_BRIDGED_S:g} s bridged" in text
     assert f"above {100 * recording.MAX_MISSING_SHARE:g} % refused" in text
     assert f"fewer than {recording.MIN_SAMPLES} samples" in text

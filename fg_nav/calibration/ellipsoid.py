@@ -10,16 +10,14 @@ with the monomials x_i x_j (i <= j), 2 x_i, 1 in the columns of a design matrix.
 
 Start: least squares under a constraint that cannot end in a hyperboloid (Fang et al. 2011, Ma et al. 2018: CLSEF), in
 the plane 4ac - b^2 = 1 (Fitzgibbon), in space 4J - I^2 = 1 with I and J the sum of the eigenvalues of A and that of
-their products by pairs (Li and Griffiths 2004). The latter holds of all ellipsoids whose short axis is more than half
-the long one. Then (`fit_quadric`) the likeliest parameters, the residual being the distance of a reading from the
-quadric, uT, to first order in white noise of equal strength on each axis,
+their products by pairs (Li and Griffiths 2004), without readings beyond `TRIM_SIGMAS` of the bulk. Then (`fit_quadric`)
+the likeliest parameters, the residual being the distance of a reading from the quadric, uT, to first order in white
+noise of equal strength on each axis,
 
-    r = (|v| - 1) / |C v / |v||,    v = C (m - h).
+    r = (|v| - 1) / |C v / |v||,   v = C (m - h),   covariance = s^2 (J^T J)^-1,   s^2 = sum r^2 / (kept - parameters).
 
 Cauchy's loss finds the bulk of the distances, those beyond `OUTLIER_SIGMAS` of it are left out, and the rest is fitted
-plainly, until nothing changes:
-
-    covariance = s^2 (J^T J)^-1,   s^2 = sum r^2 / (kept - parameters).
+plainly, until nothing changes.
 
 Ellipsoid (`fit_ellipsoid`), |C (m - h)| = F with F the strength of the field. Readings alone do not show F: C and F can
 be scaled together. With the strength unknown det C = 1, which preserves volumes, and F is estimated; the covariance of
@@ -33,10 +31,6 @@ the readings' mean and in units of their spread,
 The corrected readings have length 1, as in the paper, or the strength of the field at the place, if given. It minimizes
 no distance, the squared noise biases it, one wild reading spoils it, and a hyperboloid is refused. Its covariance is
 that of the equations as they scatter (White 1980), without that bias.
-
-Coverage: the sphere of directions is cut into `CELLS` patches of equal size about the points of a Fibonacci lattice; a
-patch is covered if a reading points into it. More important is the weakest direction, along which the mean square of
-the unit vectors is least: 1/3 when all directions are covered alike and 0 when the readings lie in a plane.
 
 Ellipse (`calibrate_on_loop`), Ma's calibration on the shoe: the levelled field of a standing foot that turns round. In
 levelled axes (x forward, y left, z up; `fg_nav.magnetic.footfall_field`), horizontal components only:
@@ -60,7 +54,6 @@ difference D of their (o_x, o_y, eta, tau) is as uncertain as the ellipse of all
 
     max(1, D^T P^-1 D / 4).
 
-On 36 simulated loops over a smooth floor (seeds below 100) errors are 1.3 of their sigmas with it, and 3.2 without.
 Circles that all turn one way do not show the floor: their covariance does not include it, and a note says so.
 """
 
@@ -68,14 +61,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias
+from typing import Literal
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import least_squares
 
 from fg_nav.arrays import Bools, Floats, robust_sigma
-from fg_nav.calibration.magnetometer import (
+from fg_nav.calibration import (
     LEVEL_FIELD_UT,
     UPPER,
     MagnetometerCalibration,
@@ -103,10 +96,7 @@ KNOWN_ETA_RAD = 0.3  # Sigma of a direction that is known: beyond 17 degrees a s
 MIN_FOOTFALLS = 10  # Five parameters, and some footfalls to judge them by.
 MAX_GAP_RAD = float(np.deg2rad(90.0))  # Between neighboring headings: three quarters of the round hold the ellipse.
 LEVELLING_SIGMA_RAD = 0.003  # Steady error of up, per axis (3 mg, a calibrated MEMS part): an error of the hard iron.
-LEVEL_SIZES = (
-    100.0,
-    1.0 / 30.0,
-)  # Of center (uT) and C (1/uT) over the ground: fixed, as a short arc may guess any size.
+LEVEL_SIZES = 100.0, 1.0 / 30.0  # Of center (uT) and C (1/uT) over ground: fixed, as a short arc may guess any size.
 SECTORS, MIN_SECTORS = 12, 9  # Of 30 degrees, and how many must hold a footfall for their means to count.
 
 NO_ELLIPSOID = "the readings lie on no ellipsoid: turn the sensor in more directions, away from iron that stays behind."
@@ -117,12 +107,7 @@ NO_ELLIPSE = "the footfalls lie on no ellipse: walk full circles, right and left
 
 
 def fit_ellipsoid(readings: Floats, strength_uT: float | None = None) -> MagnetometerCalibration:
-    """Calibrate from readings of a sensor turned about in a homogeneous field.
-
-    Parameters
-    ----------
-    readings : (N, 3) uT in the body frame; NaN rows are left out.
-    strength_uT : of the field; None if it is not known: then det C = 1 and the strength is estimated.
+    """Calibrate from readings (N, 3) uT of a sensor turned about in a homogeneous field, of a strength if it is known.
 
     Raises `CalibrationError` where the directions covered leave a parameter open, naming the weakest direction, or the
     field was not the same throughout, or is none that Earth has.
@@ -155,12 +140,7 @@ def fit_ellipsoid(readings: Floats, strength_uT: float | None = None) -> Magneto
 
 
 def fit_unit_sphere(readings: Floats, strength_uT: float = 1.0) -> MagnetometerCalibration:
-    """Calibrate from readings of a sensor turned about in a homogeneous field.
-
-    Parameters
-    ----------
-    readings : (N, 3) uT in the body frame; NaN rows are left out.
-    strength_uT : of the corrected readings: 1 as in the paper, or that of the field, for uT.
+    """Calibrate from readings (N, 3) uT as the paper does; corrected ones have length 1, or that of the field, uT.
 
     Raises `CalibrationError` where the readings are too few or lie on no ellipsoid, and as `fit_ellipsoid`.
     """
@@ -223,8 +203,7 @@ def _select_readings(readings: Floats, strength_uT: float | None) -> Floats:
 def _check_fit(found: MagnetometerCalibration, residual_uT: float, readings: Floats) -> str:
     """Refuse an ellipsoid with an open parameter, of a size that no field has, or with a large residual, uncorrected.
 
-    Returns the coverage of the sphere by `readings` (N, 3) uT in words. With a given strength, C has a scale, which is
-    removed.
+    Returns the coverage of the sphere by `readings` (N, 3) uT in words.
     """
     share, weakest, weakest_share = measure_coverage(readings - found.hard_iron_uT)
     x, y, z = weakest
@@ -272,31 +251,17 @@ def measure_coverage(body_field: Floats) -> tuple[float, Floats, float]:
 
 @dataclass(frozen=True)
 class Ellipse:
-    """The ellipse of the levelled readings, and the circle of the corrected ones.
+    """The ellipse of the levelled readings, and the circle of the corrected ones."""
 
-    Attributes
-    ----------
-    method : by name.
-    offset_uT : o (2,), in levelled axes.
-    eta_rad : from x to the long axis, counter-clockwise seen from above, in (-pi/2, pi/2].
-    tau : short over long axis.
-    radius_uT : short axis, the horizontal strength after the correction.
-    covariance : (4, 4) of o_x, o_y, eta, tau; NaN where the method has none. The variance of eta grows without bound
-        as tau goes to 1, where there is no long axis; (1 - tau) eta stays known.
-    residual_uT : rms distance from the ellipse (with a covariance: that of the readings kept, by degrees of freedom).
-    samples : number of readings.
-    notes : remarks for the user.
-    """
-
-    method: str
-    offset_uT: Floats
-    eta_rad: float
-    tau: float
-    radius_uT: float
-    covariance: Floats
-    residual_uT: float
-    samples: int
-    notes: tuple[str, ...] = ()
+    method: str  # By name.
+    offset_uT: Floats  # o (2,), in levelled axes.
+    eta_rad: float  # From x to the long axis, counter-clockwise seen from above, in (-pi/2, pi/2].
+    tau: float  # Short over long axis.
+    radius_uT: float  # Short axis, the horizontal strength after the correction.
+    covariance: Floats  # (4, 4) of o_x, o_y, eta, tau; NaN where the method has none.
+    residual_uT: float  # rms distance from the ellipse.
+    samples: int  # Number of readings.
+    notes: tuple[str, ...] = ()  # Remarks for the user.
 
     @property
     def sigma(self) -> Floats:
@@ -306,7 +271,7 @@ class Ellipse:
     @property
     def correction(self) -> Floats:
         """C (2, 2)."""
-        long_axis = _point_along(self.eta_rad)
+        long_axis = np.array([np.cos(self.eta_rad), np.sin(self.eta_rad)])
         return np.asarray(np.eye(2) - (1.0 - self.tau) * np.outer(long_axis, long_axis))
 
     def correct(self, level_xy: Floats) -> Floats:
@@ -316,15 +281,15 @@ class Ellipse:
     def in_body(self, body_up: Floats) -> MagnetometerCalibration:
         """Return the calibration of the body's readings, for a foot that stands with up at `body_up` (3,).
 
-        h = R^T (o, 0), C = R^T blockdiag(C, 1) R with R = level_R_body. It holds for footfalls at that tilt, not for
-        the swing. The vertical is left as it is: hard iron along it has a sigma of `UNKNOWN_UT`, which covers soft iron
-        too; its effect of the vertical field over the ground is in o.
+        h = R^T (o, 0), C = R^T blockdiag(C, 1) R with R = level_R_body. The vertical is left as it is: hard iron along
+        it has a sigma of `UNKNOWN_UT`, which covers soft iron too.
         """
         R = compute_level_R_body(body_up)
         C = np.eye(3)
         C[:2, :2] = self.correction
         # derivatives (9, 4) of h and C by o, eta, tau
-        u, across = R[:2].T @ _point_along(self.eta_rad), R[:2].T @ _point_along(self.eta_rad + np.pi / 2)
+        c, s = np.cos(self.eta_rad), np.sin(self.eta_rad)
+        u, across = R[:2].T @ [c, s], R[:2].T @ [-s, c]
         lift = np.zeros((9, 4))
         lift[:3, :2] = R[:2].T
         lift[3:, 2] = -(1.0 - self.tau) * (np.outer(u, across) + np.outer(across, u))[UPPER]
@@ -349,11 +314,6 @@ class Ellipse:
         )
 
 
-def _point_along(angle: float) -> Floats:
-    """Unit vector (2,) at an angle, rad."""
-    return np.array([np.cos(angle), np.sin(angle)])
-
-
 def half_turn(angle: float) -> float:
     """Direction modulo pi, in (-pi/2, pi/2]."""
     return float(np.pi / 2 - (np.pi / 2 - angle) % np.pi)
@@ -367,9 +327,6 @@ def _measure_rise_deg(body_up: Floats) -> float:
 def calibrate_on_loop(field: FootfallField) -> tuple[Ellipse, MagnetometerCalibration]:
     """Fit the ellipse of a walk's footfalls, and lift it into the body at their mean tilt.
 
-    The covariance includes the disagreement of circles to the left and to the right, and that of the offset a steady
-    error of levelling, which the footfalls do not show.
-
     Raises `CalibrationError` as `fit_ellipse`, for an x axis that stands upright, for a radius no field on Earth has,
     and where the readings leave a parameter open.
     """
@@ -382,16 +339,15 @@ def calibrate_on_loop(field: FootfallField) -> tuple[Ellipse, MagnetometerCalibr
     ellipse = fit_ellipse(field.level_field[:, :2])
     growth, note = _compare_sides(field, ellipse)
     ellipse = replace(ellipse, covariance=growth * ellipse.covariance, notes=(*ellipse.notes, note))
-    # plausible, and known well enough
+    # Plausible, and known well enough.
     check_strength(ellipse.radius_uT, LEVEL_FIELD_UT)
     x, y, eta, tau = ellipse.sigma
     offset = max(x, y) / ellipse.radius_uT
     if max(offset, tau / 2) > MAX_SIGMA:
         raise CalibrationError(
             f"the footfalls scatter by {ellipse.residual_uT:.1f} uT about the ellipse and leave its offset open by "
-            f"{offset:.2f} of its radius and tau by {tau:.2f} "
-            f"(at most {MAX_SIGMA:g} and {2 * MAX_SIGMA:g} are allowed): "
-            "walk more circles, away from iron in the floor."
+            f"{offset:.2f} of its radius and tau by {tau:.2f} (at most {MAX_SIGMA:g} and {2 * MAX_SIGMA:g} are "
+            "allowed): walk more circles, away from iron in the floor."
         )
     if not eta < KNOWN_ETA_RAD:
         note = (
@@ -411,10 +367,8 @@ def _compare_sides(field: FootfallField, ellipse: Ellipse) -> tuple[float, str]:
     try:
         sides = [fit_ellipse(field.level_field[side, :2]) for side in (turn < 0.0, turn > 0.0)]
     except CalibrationError:
-        return (
-            1.0,
-            "no full circles both ways: iron in the floor cannot be separated from the shoe's, and is in no sigma",
-        )
+        note = "no full circles both ways: iron in the floor cannot be separated from the shoe's, and is in no sigma"
+        return 1.0, note
     left, right = (np.array([*one.offset_uT, one.eta_rad, one.tau]) for one in sides)
     apart = (left - right) / 2
     apart[2] = half_turn(2 * apart[2]) / 2
@@ -435,9 +389,7 @@ def select_levelled(level_xy: Floats, fewest: int) -> Floats:
 
 
 def fit_ellipse(level_xy: Floats) -> Ellipse:
-    """Fit an ellipse to levelled readings by robust least squares of their distances from it.
-
-    `level_xy` (F, 2) uT, levelled axes, one a footfall; NaN rows are left out.
+    """Fit an ellipse to levelled readings (F, 2) uT, one a footfall; NaN rows are left out.
 
     Raises `CalibrationError` where there is no ellipse, or the headings do not go round, naming the arc that is
     missing.
@@ -517,8 +469,14 @@ def fit_quadric(readings: Floats, sizes: tuple[float, float] | None = None) -> Q
 
     Raises `CalibrationError` if the readings do not determine the parameters.
     """
-    n = readings.shape[1]
-    h, C = _fit_trimmed(readings)
+    # a first guess that a few outliers do not spoil: the fit judges them anew
+    n, kept = readings.shape[1], np.ones(len(readings), dtype=np.bool_)
+    for _ in range(TRIMS):
+        h, C = fit_constrained_quadric(readings[kept])
+        far = compute_distances(h, C, readings)
+        before, kept = kept, np.abs(far) <= TRIM_SIGMAS * robust_sigma(far) + MIN_UT
+        if (kept == before).all():
+            break
     upper, size = C[np.triu_indices(n)], float(np.mean(np.diag(C)))
     scale = np.repeat(sizes or (0.1 / size, size), [n, len(upper)])
 
@@ -546,11 +504,10 @@ def fit_quadric(readings: Floats, sizes: tuple[float, float] | None = None) -> Q
     return QuadricFit(x[:n] * scale[:n], matrix_of(x[n:] * scale[n:]), covariance, float(np.sqrt(variance)), kept)
 
 
-Residuals: TypeAlias = Callable[[Floats, Floats], Floats]  # Of parameters (P,) and readings (K, D): (K,) uT.
-
-
-def _solve(residuals: Residuals, readings: Floats, start: Floats, loss: Literal["linear", "cauchy"]) -> Floats:
-    """Least-squares parameters (P,) with this loss, its scale the robust spread of the residuals at `start`."""
+def _solve(
+    residuals: Callable[[Floats, Floats], Floats], readings: Floats, start: Floats, loss: Literal["linear", "cauchy"]
+) -> Floats:
+    """Least-squares parameters (P,) with this loss, its scale the robust spread of the residuals (K,) at `start`."""
     if len(readings) <= len(start):
         raise CalibrationError(f"{len(readings)} readings do not determine {len(start)} parameters: record more.")
     first = residuals(start, readings)
@@ -570,21 +527,6 @@ def compute_distances(h: Floats, C: Floats, readings: Floats) -> Floats:
     v = (readings - h) @ C
     length = np.linalg.norm(v, axis=1)
     return np.asarray((length - 1.0) * length / np.linalg.norm(v @ C, axis=1))
-
-
-def _fit_trimmed(readings: Floats) -> tuple[Floats, Floats]:
-    """Center (n,) and C (n, n) as by `fit_constrained_quadric`, without readings beyond `TRIM_SIGMAS` of the bulk.
-
-    An initial guess robust to a few outliers; the fit judges them anew.
-    """
-    kept = np.ones(len(readings), dtype=np.bool_)
-    for _ in range(TRIMS):
-        h, C = fit_constrained_quadric(readings[kept])
-        far = compute_distances(h, C, readings)
-        before, kept = kept, np.abs(far) <= TRIM_SIGMAS * robust_sigma(far) + MIN_UT
-        if (kept == before).all():
-            break
-    return h, C
 
 
 def fit_constrained_quadric(readings: Floats) -> tuple[Floats, Floats]:

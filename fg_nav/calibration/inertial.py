@@ -3,11 +3,10 @@
     gyr = omega + b_g          at rest omega = 0 (the Earth's 15 deg/h remain in b_g, and so does the g-sensitivity)
     acc = s f + b_a            at rest ||f|| = g
 
-One rest gives one number about the accelerometer, ||acc||, and four are unknown: one attitude cannot separate scale
-from bias. Rests in several attitudes lie on a sphere with radius s g about b_a, found by least squares with the
-covariance of the four. The attitudes must surround the center for that: six faces do, a foot's do not. One scale stands
-for three axes. With E the deviation of scales and axes from it, each entry of sd e, a rest in the direction n_i is
-g n_i' E n_i off the sphere. So rests are correlated, e^2 g^2 (n_i . n_j)^2, and the covariance has it.
+Rests in several attitudes lie on a sphere with radius s g about b_a, found by least squares; the attitudes must
+surround the center for that: six faces do, a foot's do not. One scale stands for three axes. With E the deviation of
+scales and axes from it, each entry of sd e, a rest in the direction n_i is g n_i' E n_i off the sphere. So rests are
+correlated, e^2 g^2 (n_i . n_j)^2, and the covariance has it.
 
 Between recordings the gyroscope's bias changes, by a hundredth to some tenths of a deg/s. With b_k +- s_k an axis of
 recording k
@@ -107,27 +106,16 @@ class GyroscopeCalibration:
 
 @dataclass(frozen=True)
 class AccelerometerCalibration:
-    """Scale and bias of an accelerometer, or the ratio of its reading to gravity.
+    """Scale and bias of an accelerometer, or the ratio of its reading to gravity."""
 
-    Attributes
-    ----------
-    scale : s; where scale and bias are not separable ||acc|| / g, which includes the bias.
-    scale_sigma : its standard deviation; infinite where not separable.
-    bias : b_a (3,) m/s^2; zero where not separable.
-    bias_sigma : its standard deviation (3,) m/s^2; infinite where not separable.
-    norm_m_s2 : mean of ||acc|| over all rests, by their length.
-    attitudes, seconds : number of attitudes, duration of the rests.
-    separable : whether the attitudes separate scale from bias.
-    """
-
-    scale: float
-    scale_sigma: float
-    bias: Floats
-    bias_sigma: Floats
-    norm_m_s2: float
+    scale: float  # s; where scale and bias are not separable ||acc|| / g, which includes the bias.
+    scale_sigma: float  # Infinite where not separable.
+    bias: Floats  # b_a (3,) m/s^2; zero where not separable.
+    bias_sigma: Floats  # (3,) m/s^2; infinite where not separable.
+    norm_m_s2: float  # Mean of ||acc|| over all rests, by their length.
     attitudes: int
-    seconds: float
-    separable: bool
+    seconds: float  # Duration of the rests.
+    separable: bool  # Whether the attitudes separate scale from bias.
 
     def correct(self, acc: Floats) -> Floats:
         """Return specific forces (n, 3) m/s^2 without bias and scale; unchanged where not separable."""
@@ -144,11 +132,7 @@ class AccelerometerCalibration:
 
 
 def calibrate_gyroscope(recording: Recording) -> GyroscopeCalibration | None:
-    """Bias from all rests of a recording, weighted by their information; None where nothing rests.
-
-    Its sigma is not below `fg_nav.detection.rest.MIN_SIGMA_DEG_S`, however many rests there are, and grows where they
-    disagree by more than their own sigmas.
-    """
+    """Bias from all rests of a recording, weighted by their information; None where nothing rests."""
     rests = find_rests(recording)
     if not rests:
         return None
@@ -157,7 +141,8 @@ def calibrate_gyroscope(recording: Recording) -> GyroscopeCalibration | None:
     disagreement = (((rate - bias) / sigma) ** 2).sum(axis=0) / max(1, len(rests) - 1)
     spread = np.sqrt(np.maximum(disagreement, 1.0) / (sigma**-2).sum(axis=0))
     sigma = np.maximum(spread, np.radians(MIN_SIGMA_DEG_S))
-    return _calibrate(bias, sigma, len(rests), _sum_seconds(recording, rests))
+    next_sigma = average_biases(bias[None], sigma[None])[2]
+    return GyroscopeCalibration(bias, sigma, next_sigma, 1, len(rests), _sum_seconds(recording, rests))
 
 
 def read_walk_bias(solution: Solution) -> GyroscopeCalibration:
@@ -166,13 +151,8 @@ def read_walk_bias(solution: Solution) -> GyroscopeCalibration:
     Within a walk the bias and its error are nearly constant: mean and root mean square over the footfalls.
     """
     table = solution.stances
-    sigma = np.sqrt(np.mean(table.gyro_bias_sigma**2, axis=0))
-    return _calibrate(table.gyro_bias.mean(axis=0), np.asarray(sigma))
-
-
-def _calibrate(bias: Floats, sigma: Floats, rests: int = 0, seconds: float = 0.0) -> GyroscopeCalibration:
-    """Calibration by one recording."""
-    return GyroscopeCalibration(bias, sigma, average_biases(bias[None], sigma[None])[2], 1, rests, seconds)
+    bias, sigma = table.gyro_bias.mean(axis=0), np.asarray(np.sqrt(np.mean(table.gyro_bias_sigma**2, axis=0)))
+    return GyroscopeCalibration(bias, sigma, average_biases(bias[None], sigma[None])[2], 1, 0, 0.0)
 
 
 def average_gyroscopes(found: Sequence[GyroscopeCalibration]) -> GyroscopeCalibration:
@@ -265,10 +245,7 @@ def _sum_seconds(recording: Recording, rests: Sequence[Rest]) -> float:
 
 
 def average_out_error(recording: Recording, stances: Stances) -> Recording:
-    """Remove a large bias, and scale error, as estimated from a walk, with a remark in the provenance.
-
-    The same recording where they are within the priors of a calibrated sensor.
-    """
+    """Remove a bias, and scale error, beyond the priors of a calibrated sensor, with a remark in the provenance."""
     size, by_bias, covariance = _read_sizes(recording, stances)
     if not len(size):
         return recording

@@ -11,9 +11,6 @@ ellipsoid  the sensor turned over, no walk   `fg_nav.calibration.ellipsoid`
 sphere     the same                          `fg_nav.calibration.ellipsoid` (Munoz Diaz 2017)
 ========== ================================= ======================================================================
 
-If no method is given, `ellipsoid` is taken where up goes round all of the sensor's axes, else `walk`: only the user
-knows that a place is undisturbed.
-
 The file is JSON (`docs/formats.md`).
 """
 
@@ -29,6 +26,7 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Strict, ValidationError, create_model
 
 from fg_nav.arrays import Floats
+from fg_nav.calibration import MagnetometerCalibration, circular_sd_deg, correct_field
 from fg_nav.calibration.ellipsoid import calibrate_on_loop, fit_ellipsoid, fit_unit_sphere, is_near
 from fg_nav.calibration.inertial import (
     AccelerometerCalibration,
@@ -36,7 +34,6 @@ from fg_nav.calibration.inertial import (
     calibrate_accelerometer,
     calibrate_gyroscope,
 )
-from fg_nav.calibration.magnetometer import MagnetometerCalibration, circular_sd_deg, correct_field
 from fg_nav.calibration.walk import calibrate_on_walk
 from fg_nav.calibration.walk_model import read_strides
 from fg_nav.detection import detect_stances
@@ -89,10 +86,7 @@ def is_calibration(path: Path) -> bool:
 
 
 def read_calibration(path: Path) -> Calibration:
-    """Read a calibration.
-
-    Raises `CalibrationError` if the file cannot be read, is no calibration, is of a newer version, or is incomplete.
-    """
+    """Read a calibration; raises `CalibrationError` if the file is none, of a newer version, or damaged."""
     try:
         content = json.loads(read_small(path).decode("utf-8"))
     except FileNotFoundError:
@@ -223,18 +217,15 @@ def calibrate(
     """Calibrate the sensors of a recording.
 
     Without a magnetometer, or where the sensor lies still, gyroscope and accelerometer alone, unless more was asked
-    for; else raises `CalibrationError` without a magnetometer or with wrong axes that were not given, for a method that
-    is none, a strength that the method cannot use, or where the recording does not show the magnetometer's errors;
-    raises `DetectionError` and `MagneticError` for a method on foot, where there are no footfalls or none with a field.
+    for; else raises `CalibrationError`, or `DetectionError` and `MagneticError` for a method on foot.
 
     Parameters
     ----------
-    recording : with a magnetometer.
-    method : one of `METHODS`; None to choose by the recording.
+    method : one of `METHODS`; None for `ellipsoid` where up goes round all of the sensor's axes, else `walk`.
     strength_uT : of the field at the place, for a sensor that was turned over; None if it is not known.
     axes : of the magnetometer in those of the gyroscope; None for the same.
-    sensor : gyroscope by several recordings of the sensor, this the first of them; None for that of this one. The
-        magnetometer need not be calibrated then.
+    sensor : gyroscope by several recordings of the sensor, this the first of them: the magnetometer need not be
+        calibrated then.
     """
     gyroscope = calibrate_gyroscope(recording) if sensor is None else sensor
     path = recording.provenance.path

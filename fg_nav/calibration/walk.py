@@ -6,11 +6,12 @@ The model, its fit and the covariance are in `fg_nav.calibration.walk_model`.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration.magnetometer import (
+from fg_nav.calibration import (
     LEVEL_FIELD_UT,
     MagnetometerCalibration,
     check_strength,
@@ -55,8 +56,7 @@ class WalkCalibrationParameters:
     must_gain: bool = True  # Refuse a field none of Earth's, no iron, or no gain out of sample; False to study walks.
 
 
-@dataclass(frozen=True)
-class Spread:
+class Spread(NamedTuple):
     """Circular standard deviation of compass minus inertial heading, deg, about a line in time: the drift."""
 
     before_deg: float
@@ -212,32 +212,6 @@ def _build_calibration(fit: IronFit, walk: StrideModel, spread: Spread | None) -
     )
 
 
-def find_own_iron(recording: Recording, stances: Stances) -> tuple[MagnetometerCalibration | None, str]:
-    """Find the iron of a walk's own magnetometer, with a remark; None where the walk does not show it.
-
-    Raises `MagneticError` without a magnetometer that measures a field.
-    """
-    try:
-        found = find_iron(read_strides(recording, stances))
-    except CalibrationError as error:
-        return None, f"iron of the magnetometer unknown: {error}"
-    h, sigma = (", ".join(f"{x:.1f}" for x in v[:3]) for v in (found.hard_iron_uT, found.sigma))
-    return found, f"magnetometer corrected by the walk itself: hard iron {h} uT, each known to {sigma}"
-
-
-def average_corrected_field(
-    recording: Recording, stances: Stances, heading: float, calibration: MagnetometerCalibration | None
-) -> FootfallField:
-    """Average the field over each footfall of a corrected recording, with the sigma of the iron that is left.
-
-    Raises `MagneticError` as `average_footfall_field`.
-    """
-    field = average_footfall_field(recording, stances, heading)
-    if calibration is None:
-        return field
-    return replace(field, iron_sigma_uT=np.tile(find_iron_sigma(calibration, field), (len(field), 1)))
-
-
 @dataclass(frozen=True)
 class MeasuredField:
     """The field of a walk at its footfalls."""
@@ -263,9 +237,19 @@ def measure_walk_field(
     iron, notes = None, tuple[str, ...]()
     try:
         if given is None:
-            iron, note = find_own_iron(recording, stances if standings is None else standings)
-            recording, notes = recording if iron is None else iron.apply_to(recording), (note,)
-        field = average_corrected_field(recording, stances, heading or 0.0, iron if given is None else given)
+            # The iron that the walk shows, if it does.
+            try:
+                iron = find_iron(read_strides(recording, stances if standings is None else standings))
+            except CalibrationError as error:
+                notes = (f"iron of the magnetometer unknown: {error}",)
+            else:
+                h, sigma = (", ".join(f"{x:.1f}" for x in v[:3]) for v in (iron.hard_iron_uT, iron.sigma))
+                notes = (f"magnetometer corrected by the walk itself: hard iron {h} uT, each known to {sigma}",)
+                recording = iron.apply_to(recording)
+        # The field over each footfall, with the sigma of the iron that is left.
+        field, used = average_footfall_field(recording, stances, heading or 0.0), iron if given is None else given
+        if used is not None:
+            field = replace(field, iron_sigma_uT=np.tile(find_iron_sigma(used, field), (len(field), 1)))
         return MeasuredField(recording, field, iron=iron, notes=notes)
     except MagneticError as error:
         return MeasuredField(recording, unseen=str(error), iron=iron, notes=notes)

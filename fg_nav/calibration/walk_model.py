@@ -24,9 +24,8 @@ delay        s    of the readings behind the gyroscope
 ============ ==== ==================================================================================================
 
 Why the swings: at the footfalls the foot stands level, and h along the vertical cannot be separated from the vertical
-part of b but for the few degrees by which the tilt varies. The inertial tilt is wrong by as much. A fit that takes it
-for exact has a field that does not turn with the tilt, and calls the vertical field iron: 32 uT too much with a sigma
-of 3 in a field without a building. In the swing the pitch turns by 80 deg, and the error of the tilt is negligible.
+part of b but for the few degrees by which the tilt varies, and the inertial tilt is wrong by as much. In the swing the
+pitch turns by 80 deg.
 
 d of one stride is Gaussian with a covariance over its phases, one horizontal and one vertical, learned from the
 residuals: neighbors in a swing have nearly one field, and the foot aloft has less of the floor's. A stride as a whole
@@ -34,10 +33,9 @@ is Student distributed. h, S, e, delta and the delay have Gaussian priors. The f
 other way round: fields explained by noisy readings would be least for S^-1 = 0. The unknowns are h, S (six), b, the
 delay, e at the knots and delta at the knots, in this order.
 
-Fit. Gauss-Newton with the Student weights and the covariance of d of the last step. Observable are h along and across
-the pitch axis of the foot, forward and up, in each swing; along that axis, to the side, only between headings. A
-straight walk does not determine it. The effect of S on the vertical field is one with h horizontally where the foot
-stands; the swings separate the two. The size of S is one with the strength of the field, and keeps its prior.
+Fit. Gauss-Newton with the Student weights and the covariance of d of the last step. Observable is h forward and up in
+each swing, to the side only between headings: a straight walk does not determine it. The size of S is one with the
+strength of the field, and keeps its prior.
 
     A^-1 (M + prior) A^-1 + floor,    M = W C W + sum over strides k, l of W_k rho(|p_k - p_l|) s s^T W_l
 
@@ -55,7 +53,7 @@ floor      common error of all readings of a sensor
 
 rho follows from the places and not from the residuals, because a fit hides correlation: on a circle a field that falls
 off across it looks like hard iron, and leaves no residual. For the same reason d is scaled up by the share of
-independent fields that the unknowns absorb. Cost: linear in the strides, times the number of passes of the same place.
+independent fields that the unknowns absorb.
 """
 
 from __future__ import annotations
@@ -69,7 +67,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.calibration.magnetometer import UPPER, matrix_of, mean_up
+from fg_nav.calibration import UPPER, matrix_of, mean_up
 from fg_nav.detection.stance import Stances
 from fg_nav.errors import MagneticError
 from fg_nav.frames import GRAVITY_M_S2
@@ -110,24 +108,14 @@ PHASE_SHARES = np.stack([np.interp(_AT, np.arange(COMMON_KNOTS), row) for row in
 
 @dataclass(frozen=True)
 class StrideReadings:
-    """S strides of a walk, in order, over a recording of N samples.
+    """S strides of a walk, in order, over a recording of N samples."""
 
-    ========== ============ ========================================================================================
-    t          (N,)         s
-    nav_R_body (N, 3, 3)    inertial attitude; its heading drifts
-    rate       (N, 3)       rad/s, of the gyroscope
-    sample     (S, P)       of each reading; the first of each stride is that of the footfall
-    reading    (S, P, 3)    uT, body frame, not calibrated
-    place      (S, P, 3)    m, nav, by the inertial attitude
-    ========== ============ ========================================================================================
-    """
-
-    t: Floats
-    nav_R_body: Floats
-    rate: Floats
-    sample: Ints
-    reading: Floats
-    place: Floats
+    t: Floats  # (N,) s.
+    nav_R_body: Floats  # (N, 3, 3) inertial attitude; its heading drifts.
+    rate: Floats  # (N, 3) rad/s, of the gyroscope.
+    sample: Ints  # (S, P) of each reading; the first of each stride is that of the footfall.
+    reading: Floats  # (S, P, 3) uT, body frame, not calibrated.
+    place: Floats  # (S, P, 3) m, nav, by the inertial attitude.
 
     def __len__(self) -> int:
         return len(self.sample)
@@ -317,24 +305,15 @@ def list_blocks(strides: int) -> list[slice]:
 class Linearization:
     """S strides about a point: d, whitened by its covariance over the phases, and what follows for the U unknowns.
 
-    =========== =============== ====================================================================================
-    residual    (S, P, 3)       uT, d in nav
-    jacobian    (S, P, 3, U)    of the prediction
-    weight      (S,)            Student weights
-    whitening   (3, P, P)       inverse roots of the covariance of d, an axis each
-    information (K, U, U)       of each block of strides (`list_blocks`), without the prior
-    score       (K, U)          of each block: derivative of its log likelihood
-    =========== =============== ====================================================================================
-
     A matrix a stride would take 14 GB after six hours, as unknowns grow with time.
     """
 
-    residual: Floats
-    jacobian: Floats
-    weight: Floats
-    whitening: Floats
-    information: Floats
-    score: Floats
+    residual: Floats  # (S, P, 3) uT, d in nav.
+    jacobian: Floats  # (S, P, 3, U) of the prediction.
+    weight: Floats  # (S,) Student weights.
+    whitening: Floats  # (3, P, P) inverse roots of the covariance of d, an axis each.
+    information: Floats  # (K, U, U) of each block of strides (`list_blocks`), without the prior.
+    score: Floats  # (K, U) of each block: derivative of its log likelihood.
 
     @classmethod
     def at(cls, walk: StrideModel, unknowns: Floats, spread: Floats) -> Linearization:

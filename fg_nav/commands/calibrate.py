@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fg_nav.calibration import UPPER
 from fg_nav.calibration.inertial import (
     ALONE,
     GyroscopeCalibration,
@@ -16,7 +17,6 @@ from fg_nav.calibration.inertial import (
     calibrate_gyroscope,
     read_walk_bias,
 )
-from fg_nav.calibration.magnetometer import UPPER
 from fg_nav.calibration.of_recording import (
     Calibration,
     CalibrationResult,

@@ -28,6 +28,7 @@ cycle, or none, where feet that are unrelated are as likely.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -128,8 +129,7 @@ def match_swings(a: Swings, b: Swings) -> ClockOffset:
     if as_it_is >= best_found.nats:
         return ClockOffset(0.0)
     best, drift = best_found.best, best_found.drift
-    others = best_found.by_offset[np.abs(best_found.tau - best) > 0.5 * best_found.cycle]
-    if len(others) and others.max() > best_found.nats - ENOUGH:
+    if best_found.rival > best_found.nats - ENOUGH:
         raise EstimationError(
             "the clocks of the two recordings do not fit, as both feet swing at once, and their steps do not show "
             f"by how much: it may be {best:+.2f} s or a stride more or less; give --clock-offset."
@@ -144,17 +144,14 @@ def match_swings(a: Swings, b: Swings) -> ClockOffset:
     return ClockOffset(offset, note, drift, at)
 
 
-@dataclass(frozen=True)
-class _Found:
-    """Offsets `tau` (T,) s of the second clock, nats `by_offset` (T,) of each, and the best one: tau at `t` s."""
+class _Found(NamedTuple):
+    """The best offset of the second clock, s at `t` s, its nats, and those of the best one of another cycle."""
 
-    tau: Floats
-    by_offset: Floats
     nats: float
+    rival: float
     best: float
     drift: float
     t: float
-    cycle: float
 
 
 def _search(a: Swings, b: Swings, tau: Floats, prior: float) -> _Found:
@@ -175,7 +172,8 @@ def _search(a: Swings, b: Swings, tau: Floats, prior: float) -> _Found:
     weight = np.exp(evenly[near] - evenly[near].max())
     middle = float(weight @ tau[near] / weight.sum())
     t, drift = float(0.5 * (match.t[0] + match.t[-1])), float(rates[row])
-    return _Found(tau, nats.max(axis=0), float(nats[row, best]), middle, drift, t, match.cycle)
+    others = nats.max(axis=0)[np.abs(tau - middle) > 0.5 * match.cycle]
+    return _Found(float(nats[row, best]), float(others.max(initial=-np.inf)), middle, drift, t)
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats
-from fg_nav.calibration.magnetometer import MagnetometerCalibration
+from fg_nav.calibration import MagnetometerCalibration
 from fg_nav.detection.causal import Footfall
 from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError
@@ -290,7 +290,8 @@ class PartialWalk:
         if not found.used:
             return replace(recording, mag=None)
         lead = self.buffer.find_since(self.buffer.stamp(mag_from) - LEAD_S, mag_from)
-        mag = remove_delay(self._cut(lead, self.stop), found.delay).mag
+        part = self._cut(lead, self.stop)
+        mag = part.mag if found.delay is None else remove_delay(part, found.delay).mag
         if mag is None:
             return recording
         unseen = np.full((mag_from - first, 3), np.nan)

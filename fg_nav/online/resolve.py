@@ -42,7 +42,7 @@ from typing import TypeAlias
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats
-from fg_nav.calibration.magnetometer import MagnetometerCalibration
+from fg_nav.calibration import MagnetometerCalibration
 from fg_nav.calibration.walk import MeasuredField, measure_walk_field
 from fg_nav.detection import detect_stances
 from fg_nav.detection.causal import Footfall
@@ -243,7 +243,7 @@ def solve_so_far(
     # The walk, by the recipe of the batch.
     so_far = InProgress(continues, measured.unseen, has_ended)
     given = WalkInput(recording, stances, options.heading_rad, field, options.parameters, fixes=options.fixes)
-    walk = fit_walk(replace(given, in_progress=so_far)).walk
+    walk = fit_walk(replace(given, in_progress=so_far))
     verdict = replace(walk.verdict, notes=(*measured.notes, *walk.verdict.notes))
     return WalkSolution(replace(walk, verdict=verdict), field, measured.iron)
 

@@ -46,7 +46,7 @@ from scipy.linalg import solve_triangular
 from fg_nav.arrays import Floats
 from fg_nav.factors.magnetic_field import SIZE
 from fg_nav.factors.residual import LETTER_SHIFT, guarded_factor
-from fg_nav.factors.walk_constraints import UnseenWalk, position_fix_factor, position_fix_noise
+from fg_nav.factors.walk_constraints import UnseenWalk, position_fix_noise
 from fg_nav.frames import UNKNOWN_RAD
 from fg_nav.magnetic.detectors import UNKNOWN
 from fg_nav.online.buffer import PartialWalk, ReportedFootfall, SensorState
@@ -348,7 +348,7 @@ class Window:
             key = X(nodes[node])
             if agrees(self._pose(key), np.asarray(self._isam.marginalCovariance(key)), fix):
                 noise = position_fix_noise(fix.horizontal_sigma_m, fix.vertical_sigma_m)
-                graph.push_back(position_fix_factor(key, fix.position, noise))
+                graph.push_back(gtsam.GPSFactor(key, np.array(fix.position), noise))
         if graph.size():
             self._update(graph, gtsam.Values())
             self._further[POSITION_FIX] += graph.size()

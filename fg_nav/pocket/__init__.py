@@ -5,8 +5,7 @@
 in its state. `fg_nav.pocket.navigate` adds steps and dead reckoning.
 """
 
-from fg_nav.pocket.filter import estimate_pocket
-from fg_nav.pocket.filter_equations import PocketParameters
+from fg_nav.pocket.filter import PocketParameters, estimate_pocket
 from fg_nav.pocket.iterated_smoother import PocketSmootherParameters, smooth_pocket
 from fg_nav.pocket.online import OnlinePocket, PocketEstimate
 from fg_nav.pocket.track import PocketStart, PocketTrack, compass_start, level_start

@@ -57,7 +57,7 @@ from scipy.special import chdtri
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.factors.rotation import relative_rotations, rotation_exp, unskew
-from fg_nav.pocket.filter_equations import (
+from fg_nav.pocket.filter import (
     GYR_DENSITY_DEG,
     compute_bias_decay,
     compute_bias_walk,

@@ -35,10 +35,9 @@ from fg_nav.pocket.dead_reckoning import (
     reckon_path,
     use_step_constant,
 )
-from fg_nav.pocket.filter import estimate_pocket
-from fg_nav.pocket.filter_equations import PocketParameters
+from fg_nav.pocket.filter import PocketParameters, estimate_field_noise_uT, estimate_pocket
 from fg_nav.pocket.steps import MIN_OPENING_DEG, Steps, ThighSwing, estimate_swing, find_all_steps
-from fg_nav.pocket.track import PocketTrack, choose_start, estimate_field_noise_uT, measure_turn
+from fg_nav.pocket.track import PocketTrack, choose_start, measure_turn
 from fg_nav.recording import Recording
 from fg_nav.samples.readings import find_saturated
 from fg_nav.solution import Solution, StanceTable

@@ -9,7 +9,7 @@
 A rate's change within its sample (coning, `fg_nav.samples.gaps`) is known one sample late, and so is a node. At the end
 of a walk the estimates are a track of it.
 
-The steps are those of a recording (`fg_nav.pocket.steps`), half a second late, and differ from them in three ways:
+The steps are joined as those of a recording (`fg_nav.pocket.steps`), half a second late, and differ in three ways:
 
 * A slow part is that of the samples up to `EDGE_S` later, not of all.
 * The axes are those of the walk so far, by sums over it. A step that was found stays; its direction is that of the

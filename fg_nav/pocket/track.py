@@ -29,7 +29,6 @@ from fg_nav.detection.rest import MIN_FORCE_M_S2
 from fg_nav.errors import EstimationError
 from fg_nav.frames import level_attitude, yaw_rotation
 from fg_nav.magnetic.footfall_field import compute_field_heading, compute_true_heading
-from fg_nav.pocket.filter_equations import PocketParameters
 from fg_nav.recording import Recording
 
 GAUGE_SIGMA = 1e-4  # Sigma of a heading that is zero by definition, rad: small, but it keeps P invertible.
@@ -132,21 +131,6 @@ def choose_start(recording: Recording, heading: float | None) -> tuple[PocketSta
     except EstimationError:
         start = level_start(recording)  # raises without gravity
     return start, ["the heading at the start is unknown and set to 0: give it with --heading"]
-
-
-def estimate_field_noise_uT(recording: Recording) -> float:
-    """White noise of the magnetometer, uT per axis and sample: first decile over the seconds of the recording.
-
-    By second differences, of variance 6 sigma^2, in which a thigh that swings leaves 0.1 uT or less at 100 Hz where it
-    turns back. It is never below that of MD Table 2.
-    """
-    least_uT = PocketParameters().mag_sigma_uT
-    mag = np.zeros((0, 3)) if recording.mag is None else recording.mag[np.isfinite(recording.mag).all(axis=1)]
-    second = np.diff(mag, n=2, axis=0)
-    rate = len(mag) / (recording.t[-1] - recording.t[0])
-    blocks = np.array_split(second, max(int(len(second) / max(rate, 4.0)), 1))
-    scatter = [float(np.sqrt((block**2).mean() / 6.0)) for block in blocks if len(block) > 1]
-    return max(float(np.percentile(scatter, 10)), least_uT) if scatter else least_uT
 
 
 def _first_second(recording: Recording) -> slice:

@@ -40,11 +40,8 @@ if TYPE_CHECKING:
     from fg_nav.both_feet import FeetResult
     from fg_nav.walk import Walk
 
-Trace: TypeAlias = dict[str, Any]
-"""One line, band or set of dots."""
-
-Digits: TypeAlias = tuple[int | None, int | None]
-"""Decimals of x and y; None for significant digits."""
+Trace: TypeAlias = dict[str, Any]  # One line, band or set of dots.
+Digits: TypeAlias = tuple[int | None, int | None]  # Decimals of x and y; None for significant digits.
 
 METERS = 4  # Decimals: tenths of millimetres.
 IN_TIME: Digits = (3, None)  # Over time, to milliseconds;
@@ -54,7 +51,6 @@ ON_MAP: Digits = (METERS, METERS)  # from above.
 BLUE, VERMILION, GREEN, PURPLE, OCHRE, TEAL = "#2a7fc9", "#d9601a", "#12946c", "#b8609c", "#b07d12", "#3a93b0"
 CYCLE = (BLUE, VERMILION, GREEN, PURPLE, OCHRE, TEAL)  # Of methods and axes: Okabe and Ito, on white and dark.
 GRAY = "#8a9096"  # Of a truth, and of footfalls without a verdict.
-SHADE = "rgba(42, 127, 201, 0.16)"  # Background of a stance.
 MAX_POINTS = 6000  # Of a line: a desk shows some 1200 pixels, and a reader zooms in by a factor of a few.
 MAX_DOTS = 3000  # Dots with a label for the pointer: more of them make a page slow.
 LATER = "legendonly"  # Visibility of a trace that is drawn on a touch on the legend.
@@ -69,7 +65,6 @@ ZOOMS = np.array([1, 2, 5, 10, 20, 50, 100, 200, 500, 1000])  # By which small e
 MAX_ELLIPSES = 250
 MAX_WITH_ELLIPSES = 2  # Methods whose ellipses lie over one another and are still distinguishable.
 MAX_TIES = 60  # Lines on the map from a footfall to the earlier one at its place.
-_OUTLINE = 25  # Corners of an ellipse.
 _MIN_POINTS = 4  # Of a stride, for a line drawn by samples; with fewer it is drawn through the footfalls.
 _HOW_TO = "Drag to zoom, double-click for all of it; a touch on the legend hides and shows."
 
@@ -393,7 +388,7 @@ def find_extent(points: Floats) -> float:
     return float(np.max(np.ptp(points[:, :2], axis=0)))
 
 
-def find_ellipses(view: AlignedSolution, at_most: int) -> Ellipses | None:
+def find_ellipses(view: AlignedSolution, at_most: int = MAX_ELLIPSES) -> Ellipses | None:
     """Ellipses of footfalls evenly spread along the path, fewer where they are huge; None without a covariance."""
     position = view.stance_position()
     # covariance without the turn that an alignment removes
@@ -437,13 +432,12 @@ def draw_course(paths: Paths) -> Chart:
             data.append(_path(at_moment, color, f"{name}, as known at the moment", **more))
         data += _draw_footfalls(view, label, color, paths.frame, alone)
         if person is None:
-            data += _draw_ellipses(find_ellipses(view, MAX_ELLIPSES), color, k, len(paths.views))
+            data += _draw_ellipses(find_ellipses(view), color, k, len(paths.views))
     if person is not None:
         data.append(draw_path(person, GREEN, "person", width=1.4))
-        data += _draw_ellipses(find_ellipses(person, MAX_ELLIPSES), GREEN, 0, 1)
+        data += _draw_ellipses(find_ellipses(person), GREEN, 0, 1)
     data += draw_ends(first.stance_position())
-    shown = [*paths.views.values()] if person is None else [person, *paths.views.values()]
-    return compose_map(data, shown, paths.frame)
+    return compose_map(data, [first, *paths.views.values()], paths.frame)
 
 
 def compose_map(
@@ -451,11 +445,9 @@ def compose_map(
 ) -> Chart:
     """Put traces onto axes that show all of these paths."""
     points = [_choose_path(view) for view in views]
-    truth = views[0].truth
-    if truth is not None:
+    if (truth := views[0].truth) is not None:
         points.append(truth.position[:, :2] if isinstance(truth, TrajectoryTruth) else truth.xy)
-    found = find_ellipses(views[0], MAX_ELLIPSES)
-    if found is not None:
+    if (found := find_ellipses(views[0])) is not None:
         reach = np.minimum(found.semi[:, 1:], REACH * find_extent(views[0].stance_position()))
         points += [found.centre - reach, found.centre + reach]
     every = np.vstack(points)
@@ -527,7 +519,7 @@ def _draw_ellipses(found: Ellipses | None, color: str, k: int, n_methods: int) -
         drawn.append((found.zoom, f"ellipses {found.zoom} times as large", {"visible": LATER, PICTURE: True}))
     traces = []
     for factor, words, more in drawn:
-        outline = found.outline(_OUTLINE, factor)
+        outline = found.outline(25, factor)
         broken = np.concatenate([outline, np.full((len(outline), 1, 2), np.nan)], axis=1).reshape(-1, 2)
         fill = {"fill": "toself", "fillcolor": fade(color, 0.18), "hoverinfo": "skip"}
         traces.append(_path(broken, color, words, width=0.6, legendgroup=words, **fill, **more))

@@ -32,6 +32,7 @@ from fg_nav.errors import OutputError
 from fg_nav.estimators import get_method
 from fg_nav.evaluation.metrics import Metrics, evaluate, measure_gap
 from fg_nav.io import write_tum
+from fg_nav.magnetic.axes import MagAxes
 from fg_nav.magnetic.detectors import NO_GATE, QUASI_STATIC, UNKNOWN, find_gate
 from fg_nav.pipeline import Result
 from fg_nav.report import WITH_PAGE, WITH_PICTURES, Plots
@@ -65,6 +66,12 @@ FOOT_KEYS = (
 )  # fmt: skip
 """Of each of two feet; the other keys are the same as the person's."""
 GAP_KEYS = ("polish_gap_rms_m", "polish_gap_max_m", "polish_gap_heading_deg")
+
+_GIVEN = (
+    "preset", "gate", "magnetic", "use_magnetometer", "mag_axes", "calibration_path", "places_path", "alignment",
+    "polish", "step_constant_m", "heading_deg", "known_distance_m", "fixes_path", "gnss_path", "truth_path",
+)  # fmt: skip
+"""Options of a walk that a configuration repeats."""
 
 # Options of the command line, and the arguments in their place.
 _OPTIONS = {"--out": "path", "--force": "force=True", "--origin 48.137,11.575": "origin=(48.137, 11.575)"}
@@ -146,7 +153,7 @@ def _write_drawings(
 
         write_page(folder, compose_page(outcomes, summaries, configs, walks, both))
     if plots in WITH_PICTURES and walks:
-        from fg_nav.report.plots.walk import draw_walk
+        from fg_nav.report.plots.style import draw_walk
 
         draw_walk(folder, next(iter(walks.values())), outcomes, both)
 
@@ -230,7 +237,7 @@ def save_solution(solution: Solution, path: Path, force: bool = False, origin: S
 def plot_solution(solution: Solution, axes: Any = None) -> Any:
     """Draw a solution from above, with its truth where it has one; return the axes."""
     from fg_nav.report.charts import align_feet, align_paths
-    from fg_nav.report.plots.walk import draw_on_screen
+    from fg_nav.report.plots.style import draw_on_screen
 
     if isinstance(solution, Result):
         paths = align_paths({solution.method: solution.outcome}, solution.walk)
@@ -381,24 +388,11 @@ def describe_run(walk: Walk, solution: Solution) -> dict[str, object]:
 def describe_given(walk: Walk, method: str) -> dict[str, object]:
     """Return the request, before anything was estimated from the walk, as `--config` reads it."""
     options, found = walk.options, get_method(method, walk.options.mount or "foot")  # None of somebody's own
+    given = {name.removesuffix("_path"): getattr(options, name) for name in _GIVEN}
     return {
         "method": method,
         "mount": options.mount or "foot",
-        "preset": options.preset,
-        "gate": options.gate,
-        "magnetic": options.magnetic,
-        "use_magnetometer": options.use_magnetometer,
-        "mag_axes": None if options.mag_axes is None else str(options.mag_axes),
-        "calibration": _text(options.calibration_path),
-        "places": _text(options.places_path),
-        "alignment": options.alignment,
-        "polish": options.polish,
-        "step_constant_m": options.step_constant_m,
-        "heading_deg": options.heading_deg,
-        "known_distance_m": options.known_distance_m,
-        "fixes": _text(options.fixes_path),
-        "gnss": _text(options.gnss_path),
-        "truth": _text(options.truth_path),
+        **{name: _text(value) if isinstance(value, Path | MagAxes) else value for name, value in given.items()},
         "detector": {} if walk.detection is None else asdict(walk.detection),
         "parameters": found.parameters(options, walk.calibration) if found and found.parameters else {},
     }
@@ -430,7 +424,7 @@ def describe_recording(walk: Walk) -> dict[str, object]:
         "truth": _text(options.truth_path) or ("in the recording" if walk.truth is not None else None),
         "heading_deg": options.heading_deg,
         "use_magnetometer": options.use_magnetometer,
-        "mag_axes": None if options.mag_axes is None else str(options.mag_axes),
+        "mag_axes": _text(options.mag_axes),
         "calibration": calibration,
     }
 
@@ -453,5 +447,5 @@ def _describe_gate(walk: Walk, solution: Solution) -> dict[str, object] | None:
     }
 
 
-def _text(path: Path | None) -> str | None:
-    return None if path is None else str(path)
+def _text(one: Path | MagAxes | None) -> str | None:
+    return None if one is None else str(one)

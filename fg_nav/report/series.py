@@ -33,7 +33,6 @@ from fg_nav.report.charts import (
     METERS,
     OCHRE,
     PURPLE,
-    SHADE,
     VERMILION,
     AlignedSolution,
     Chart,
@@ -71,6 +70,7 @@ _FEW = 400  # Most footfalls that are marked on a line.
 MAX_SHADED = 2000  # Most stances that are shaded: more are less than a pixel wide, and make a page slow.
 MIN_SPAN_UT, MIN_SPAN_DEG = 5.0, 5.0  # Of the axes of strength and inclination: noise is not a disturbance.
 COMPASS_AXIS = {"range": [-8, 368], "tickvals": [0, 90, 180, 270, 360]}
+SHADE = "rgba(42, 127, 201, 0.16)"  # Background of a stance.
 _FROM_ZERO = {"rangemode": "tozero"}
 
 Views = Mapping[str, AlignedSolution]
@@ -153,15 +153,6 @@ def _read_truth(view: AlignedSolution, t: Floats) -> Floats:
         return np.full(len(t), np.nan)
     heading = np.unwrap(compute_heading(truth.nav_R_body[known]))
     return np.interp(t, truth.t[known], heading, left=np.nan, right=np.nan)
-
-
-def break_line(t: Floats, angle_deg: Floats, wrapped: bool) -> tuple[Floats, Floats]:
-    """Wrap angles to [0, 360) where they are shown wrapped, with NaN where the line jumps."""
-    if not wrapped:
-        return t, angle_deg
-    inside = angle_deg % 360.0
-    jump = np.flatnonzero(np.abs(np.diff(inside)) > 180.0) + 1
-    return np.insert(t, jump, t[jump]), np.insert(inside, jump, np.nan)
 
 
 # --- of methods ------------------------------------------------------------------------------------------------------
@@ -261,7 +252,11 @@ def draw_headings(views: Views) -> Chart:
         for times, angle, shade, label, more in lines:
             row = spread_rows(len(times))
             if np.isfinite(angle[row]).any():
-                x, y = break_line(times[row], np.rad2deg(angle[row]), found.wrapped)
+                x, y = times[row], np.rad2deg(angle[row])
+                if found.wrapped:  # to [0, 360), with NaN where the line jumps
+                    y = y % 360.0
+                    jump = np.flatnonzero(np.abs(np.diff(y)) > 180.0) + 1
+                    x, y = np.insert(x, jump, x[jump]), np.insert(y, jump, np.nan)
                 above.append(line(x, y, shade, label, (3, 2), **more))
         half = BAND * np.rad2deg(found.sigma)
         below.append(band(at, np.zeros(len(at)), half, color, _label(name, "95 %", views)))
@@ -350,14 +345,6 @@ def measure_travelled(t: Floats, table: StanceTable) -> Floats:
 # --- of samples and stances ------------------------------------------------------------------------------------------
 
 
-def choose_excerpt(t: Floats, stances: Stances) -> slice:
-    """Samples of the close-up: around the middle stance, where the walk is in full swing."""
-    k = len(stances) // 2
-    centre = t[stances.start[k]] if len(stances) else t[len(t) // 2]
-    begin = min(max(centre - EXCERPT_S / 2, t[0]), max(t[-1] - EXCERPT_S, t[0]))
-    return slice(int(np.searchsorted(t, begin)), int(np.searchsorted(t, begin + EXCERPT_S, side="right")))
-
-
 def find_log_limits(statistic: Floats) -> tuple[float, float]:
     """Range of a logarithmic axis that shows the statistic and its threshold, 1."""
     positive = statistic[np.isfinite(statistic) & (statistic > 0)]
@@ -369,13 +356,15 @@ def find_log_limits(statistic: Floats) -> tuple[float, float]:
 
 def draw_samples(recording: Recording, stances: Stances) -> list[Chart]:
     """Draw the whole walk, and the close-up in which single samples show."""
-    part = choose_excerpt(recording.t, stances)
-    few = len(stances) <= MAX_SHADED
+    # close-up around the middle stance, where the walk is in full swing
+    t, few = recording.t, len(stances) <= MAX_SHADED
+    centre = t[stances.start[len(stances) // 2]] if len(stances) else t[len(t) // 2]
+    begin = min(max(centre - EXCERPT_S / 2, t[0]), max(t[-1] - EXCERPT_S, t[0]))
+    part = slice(int(np.searchsorted(t, begin)), int(np.searchsorted(t, begin + EXCERPT_S, side="right")))
     words = "The whole walk."
     if len(stances):
         words = "Shaded where the foot was taken to stand" + ("." if few else ", in the close-up only.")
-    begin, end = recording.t[part.start], recording.t[part.stop - 1]
-    close = f"Close-up of {begin:.1f} to {end:.1f} s, every sample."
+    close = f"Close-up of {t[part.start]:.1f} to {t[part.stop - 1]:.1f} s, every sample."
     return [
         _draw_samples("stances", recording, stances, slice(0, len(recording)), few, words),
         _draw_samples("close-up", recording, stances, part, True, close),

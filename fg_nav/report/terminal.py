@@ -165,17 +165,6 @@ def describe_place(place: Path, remarks: int = 0) -> str:
     return f"report: {place / REPORT}{more}" if (place / REPORT).exists() else f"files: {place}"
 
 
-def print_place(notes: Sequence[str], place: Path) -> None:
-    """Print the notes, and the places of files and pictures."""
-    out = console()
-    for note in notes:
-        out.print(f"note: {note}", soft_wrap=True)
-    out.print(f"files: {place}", soft_wrap=True)
-    pictures = sorted(path.name for path in place.glob("*.png"))
-    if pictures:
-        out.print(f"pictures: {', '.join(pictures)}", soft_wrap=True)
-
-
 def result_table(summaries: Sequence[Mapping[str, object]]) -> Table:
     """One column a method, one row a figure that at least one of them has."""
     table = ruled_table("", *(str(summary["method"]) for summary in summaries))

@@ -1,1 +1,1 @@
-"""Raw samples: the clock behind their stamps, units, gaps, clipped peaks, and what a sample hides of its period."""
+"""Raw samples: units, the clock behind stamps, outliers, clipped peaks, gaps, coning; the intake of a stream."""

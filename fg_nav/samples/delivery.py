@@ -6,10 +6,9 @@ Again. A source that a resumed walk follows goes on in one of two ways, and its 
   record, with their stamp and all that was measured. Then all is left out up to the last `TAIL` rows of the record.
 * It goes on from a later moment: a socket, a device. Then nothing is left out.
 
-Rows are compared by value. Rows from a gap of the record, which were lost before and come now, are too late: they are
-left out too. If the last rows of the record never come, because they were lost this time, `LOST` rows that it does not
-hold, and that are not from the gap behind the last one that it holds, are taken for new; at the end of the stream as
-many as there are.
+Rows are compared by value. Those from a gap of the record, lost before, are too late, and left out. If the last rows of
+the record never come, `LOST` rows that it does not hold, and that are not from the gap behind the last one that it
+holds, are taken for new; at the end of the stream as many as there are.
 
 Lost. Samples that were lost on the way are counted by the stamps of those that came. A sensor samples evenly: within a
 window of `WINDOW` rows the median step between stamps is its period T, and a step of k T, k = 2, 3, ..., lacks k - 1

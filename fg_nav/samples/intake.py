@@ -174,14 +174,15 @@ class Intake:
     @property
     def notes(self) -> tuple[str, ...]:
         """What was left out or odd, in words, changes up to `MAX_NOTES` times."""
-        notes = [f"{number} times: {REMARKS[kind]}" for kind, number in self.counts.items()]
+        notes = [f"{number} times: {REMARKS[kind]}" for kind, number in self.counts.items()] + self._changes
         if self.clock_shift_s:
             notes.append(f"at the end stamps are {_describe_shift(self.clock_shift_s)} from those of the sensor")
         if self._field.left_out:
             notes.append(f"{format_count(self._field.left_out, 'field')} of another strength than before left out")
-        return (*notes, *self._changes)
+        return tuple(notes)
 
     def _note(self, words: str) -> None:
+        """Remark and note a change of units or stamps."""
         self._remark(f"{words}.")
         self._changes += [words] * (len(self._changes) < MAX_NOTES)
 
@@ -318,30 +319,30 @@ class UnitMonitor:
         jumps = (step > max(ODD_STEPS * period_s, MIN_ODD_S)) | ((step > 0.0) & (step < period_s / ODD_STEPS))
         odd = np.column_stack([jumps, ((force > 0.0) & (force < MIN_M_S2)) | (force > MAX_M_S2), rate > TOO_FAST_RAD_S])
         n = max(HELD, round(HELD_S / period_s)) if period_s > 0.0 else HELD
-        taken, begin = [rows[:0]], 0
+        taken, begin, is_odd = [rows[:0]], 0, np.asarray(odd.any(axis=1))
         while begin < len(rows):
             # what goes on as before, up to the first odd row
-            first = begin
             if not self._is_wrong:
-                is_odd = odd[begin:].any(axis=1)
-                first = begin + int(np.argmax(is_odd)) if is_odd.any() else len(rows)
+                first = begin + int(np.argmax(is_odd[begin:])) if is_odd[begin:].any() else len(rows)
                 taken.append(self._check_accepted(rows[begin:first]))
-            # a piece, until few enough are odd, or long enough to tell
-            share = np.cumsum(odd[first : first + n], axis=0) / np.arange(1, len(odd[first : first + n]) + 1)[:, None]
-            few = (share <= SHARES).all(axis=1)
+                begin = first
+            # a piece, until few enough are odd, or long enough to show another unit
+            piece = odd[begin : begin + n]
+            share = np.cumsum(piece, axis=0) / np.arange(1, len(piece) + 1)[:, None]
+            few = np.asarray((share <= SHARES).all(axis=1))
             is_passing = bool(few.any()) and not self._is_wrong
-            stop = first + (int(np.argmax(few)) + 1 if is_passing else n)
-            if stop > len(rows) and not at_end:
-                self._held, begin = rows[first:], first
+            stop = begin + (int(np.argmax(few)) + 1 if is_passing else n)
+            if begin == len(rows) or (stop > len(rows) and not at_end):
+                self._held = rows[begin:]
                 break
-            piece, before = rows[first:stop], float(t[first - 1]) if first else self._last
             if self._is_wrong:
-                self._find_return(piece, share[-1] if len(share) else SHARES)
+                self._find_return(rows[begin:stop], share[-1])
             elif not is_passing and len(piece) >= HELD:
-                self._find_change(piece, share[-1] > SHARES, before)
-            taken.append(piece[:0] if self._is_wrong else self._check_accepted(piece))
-            begin = stop
-        self._last = float(t[min(begin, len(t)) - 1]) if begin else self._last
+                before = float(t[begin - 1]) if begin else self._last
+                self._find_change(rows[begin:stop], share[-1] > SHARES, before)
+            taken.append(rows[:0] if self._is_wrong else self._check_accepted(rows[begin:stop]))
+            begin = min(stop, len(rows))
+        self._last = float(t[begin - 1]) if begin else self._last
         return np.concatenate(taken)
 
     def _find_period(self, t: Floats) -> bool:

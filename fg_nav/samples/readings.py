@@ -139,10 +139,10 @@ class OutlierFilter:
         self._held = self._before = self._fields = np.empty((0, COLUMNS))
 
     def push(self, rows: Floats, at_end: bool = False) -> tuple[Floats, Floats]:
-        """Return the good (m, 12) of the rows that were held and of these, and the bad; `at_end` none is held.
+        """Return the good (m, 12) and the bad (k, 12) of these rows and of those that were held; `at_end` none is held.
 
-        The good are (m, 12), with a line in place of a bad sensor, and NaN of a bad field; of the bad (k, 12) the last
-        column is the sum of `ACC_OUT`, `GYR_OUT` and `MAG_OUT`. What has both of the first two is no good row.
+        The good ones have a line in place of a bad sensor, NaN of a bad field, and the last column of `TAKEN`. The bad
+        ones are as they came, with the sum of `ACC_OUT`, `GYR_OUT` and `MAG_OUT`; with the first two they are no good.
         """
         # the last rows of which no sensor was bad, and the last with a field, lead in
         seen, begin = np.concatenate([self._before, self._held, rows]), len(self._before)

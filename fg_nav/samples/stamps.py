@@ -243,15 +243,6 @@ class Clock(NamedTuple):
     n_stretches: int
 
 
-def even_stamps(t: Floats) -> tuple[Floats, list[str]]:
-    """Stamps without transport jitter: a sensor samples evenly, however its samples were stamped on the way."""
-    even = remove_jitter(t)
-    if np.array_equal(even, t):
-        return t, []
-    worst_ms = 1e3 * float(np.abs(even - t).max())
-    return even, [f"evened out the jitter of the stamps, up to {worst_ms:.1f} ms"]
-
-
 def remove_jitter(t: Floats) -> Floats:
     """Even out stamps whose jitter is that of their transport.
 

@@ -1,8 +1,7 @@
 """The smoother: a whole walk at once, solved from its samples with what it shows of its sensor.
 
     problem       rests, lever, swing noise; nodes, factors and initial values; first solution; bias walk (`problem`)
-    known         fixes, the caller's own factors and places of an earlier walk, added to the first solution, which is
-                  solved again; then the level floors found on it (`heights`)
+    known         fixes, own factors, places of an earlier walk (`constraints`); level floors (`heights`)
     differential  field while the foot stands: factors on the gyro bias (`differential`)
     field         the magnetic field, in rounds, each of which solves again (`field`)
     directions    of a building that the walk follows, an option (`building`)
@@ -71,15 +70,11 @@ from fg_nav.truth import Fix
 
 @dataclass(frozen=True)
 class InProgress:
-    """What a walk in progress, whose samples end in the middle of it, is solved with besides.
+    """What a walk in progress, whose samples end in the middle of it, is solved with besides."""
 
-    `continues` (F,) are footfalls that are further pieces of a standing, None where none is; `unseen` is the reason why
-    the field was not measured though it is to be used; `has_ended` whether no samples follow.
-    """
-
-    continues: Bools | None = None
-    unseen: str = ""
-    has_ended: bool = False
+    continues: Bools | None = None  # (F,) footfalls that are further pieces of a standing, None where none is.
+    unseen: str = ""  # Why the field was not measured though it is to be used.
+    has_ended: bool = False  # Whether no samples follow.
 
 
 @dataclass(frozen=True)
@@ -103,28 +98,29 @@ class WalkInput:
 
 @dataclass(frozen=True)
 class SolvedWalk:
-    """The problem of the last solution, its minimum, verdict on the field, `field` where that was used, `returns`."""
+    """The problem of the last solution, its minimum, and what was found on it.
+
+    Verdict on the field, `field` where that was used, `returns`; `scale` is what is left of the gyroscope's scale, in
+    the triangle of the solution, None where nothing shows it.
+    """
 
     problem: WalkProblem
     solved: Solved
     verdict: FieldVerdict
     field: FieldSolution | None = None
     returns: tuple[Return, ...] = ()
+    scale: WalkScale | None = None
 
-
-@dataclass(frozen=True)
-class FittedWalk:
-    """A walk solved with the bias prior and the gyroscope's scale that it shows.
-
-    `scale` is what is left of the scale, in the triangle of the solution; None where nothing shows it.
-    """
-
-    walk: SolvedWalk
-    scale: WalkScale | None
+    def take_solution(self, problem: WalkProblem, solved: Solved) -> SolvedWalk:
+        """Return it at another solution, of a problem that has its factors and more."""
+        scale = self.scale
+        if scale is not None:
+            scale = replace(scale, columns=weigh_gyro_scale(problem, solved)[0])
+        return replace(self, problem=problem, solved=solved, scale=scale)
 
     def shared_sqrt_covariance(self) -> Floats:
         """Return S (N, n): S S^T is the covariance of errors that all strides share, one a column at one sigma."""
-        problem, solved = self.walk.problem, self.walk.solved
+        problem, solved = self.problem, self.solved
         moved = [np.zeros((solved.root.total, 0)) if self.scale is None else self.scale.spread()]
         moved.append(spread_clipped_peaks(problem, solved))
         if problem.parameters.moving_foot:
@@ -133,16 +129,9 @@ class FittedWalk:
             moved.append(spread_scale(barometer, solved))
         return np.hstack(moved)
 
-    def take_solution(self, problem: WalkProblem, solved: Solved) -> FittedWalk:
-        """Return it at another solution, of a problem that has its factors and more."""
-        scale = self.scale
-        if scale is not None:
-            scale = replace(scale, columns=weigh_gyro_scale(problem, solved)[0])
-        return FittedWalk(replace(self.walk, problem=problem, solved=solved), scale)
 
-
-def fit_walk(given: WalkInput) -> FittedWalk:
-    """Solve a walk, again if it shows another bias prior or a gyro scale error; raises as `batch.smooth`."""
+def fit_walk(given: WalkInput) -> SolvedWalk:
+    """Solve a walk, in rounds of what its solution shows; raises as `batch.smooth`."""
     if given.field is not None and given.recording.mag is None:
         raise EstimationError("there is a field and the recording has no magnetometer: leave the field out.")
     if given.field is not None and len(given.field) != (footfalls := given.stances.n_footfalls):
@@ -150,46 +139,51 @@ def fit_walk(given: WalkInput) -> FittedWalk:
             f"the field is that of {len(given.field)} footfalls and the stances have {footfalls}: "
             "take the field at these stances."
         )
-    recording, scale = given.recording, None
+    recording, corrected = given.recording, None
     while True:
-        # From the samples, with all factors; then with the prior of the gyro bias that the solution shows.
-        walk = solve_with_all(make_problem(given, recording), given)
-        if (problem := average_bias_prior(walk.problem, walk.solved)) is not None:
-            walk = replace(walk, problem=problem, solved=solve(problem))
-        # The errors of the scale are those about what was taken off: its second moment stays.
-        if scale is not None:
-            scale = replace(scale, columns=weigh_gyro_scale(walk.problem, walk.solved)[0])
-            verdict = replace(walk.verdict, notes=(scale.found.note, *walk.verdict.notes))
-            return FittedWalk(replace(walk, verdict=verdict), scale)
-        # Where the field shows the heading it shows the gyroscope's scale: taken off the samples, and all of it again,
-        # or counted in the sigmas.
+        # Sensor and mounting from the recording; nodes, factors, and the first solution.
+        problem = make_problem(given, recording)
+        # Fixes, own factors and known places; level floors.
+        problem = add_known(problem, given)
+        # The magnetic field, in rounds; a building's directions; places where the walk was before.
+        walk = solve_with_all(problem, given)
+        # The prior of the gyro bias that the solution shows.
+        if (problem_again := average_bias_prior(walk.problem, walk.solved)) is not None:
+            walk = replace(walk, problem=problem_again, solved=solve(problem_again))
+        # Once more on samples without the gyroscope's scale error, which shows where the field shows the heading.
+        if corrected is not None:
+            # The errors of the scale are those about what was taken off: its second moment stays.
+            verdict = replace(walk.verdict, notes=(corrected.found.note, *walk.verdict.notes))
+            return replace(walk, verdict=verdict, scale=corrected).take_solution(walk.problem, walk.solved)
         field = walk.problem.find(FieldFactors)
         if not given.parameters.gyro_scale or given.in_progress is not None or field is None or not field.shows_heading:
-            return FittedWalk(walk, None)
+            return walk
         scale = estimate_gyro_scale(walk.problem, walk.solved)
         if not scale.found.matters:
-            return FittedWalk(walk, scale)
-        recording = scale.found.remove_from(recording)
+            return replace(walk, scale=scale)
+        recording, corrected = scale.found.remove_from(recording), scale
 
 
 def make_problem(given: WalkInput, recording: Recording) -> WalkProblem:
-    """Make the problem of a walk without its field, near its minimum, from the samples of `recording`."""
-    # The walk by its inertial sensor and its stances. Where the field is not used it does not show how the person
-    # turned over a hole in the samples either; of a walk in progress it is not known yet whether it is.
+    """Make the problem of a walk by its inertial sensor and its stances, near its minimum, from these samples."""
+    # Where the field is not used it does not show how the person turned over a hole in the samples either; of a walk in
+    # progress it is not known yet whether it is.
     p, so_far = given.parameters, given.in_progress
     is_used = given.field is not None or so_far is not None
     magnetic = p.magnetic if is_used else replace(p.magnetic, compass=False)
     goes_on = so_far is not None and not so_far.has_ended
     of_sensor = replace(p, magnetic=magnetic)
     problem = walk_problem(recording, given.stances, given.heading, of_sensor, given.progress, goes_on)
-    problem = replace(problem, parameters=replace(problem.parameters, magnetic=p.magnetic))
-    # Fixes, own factors and known places, placed on that solution, and the solution with them.
-    fixes = given.fixes
+    return replace(problem, parameters=replace(problem.parameters, magnetic=p.magnetic))
+
+
+def add_known(problem: WalkProblem, given: WalkInput) -> WalkProblem:
+    """Add fixes, own factors and known places, placed on the first solution, and level floors on that with them."""
+    so_far, fixes, placed = given.in_progress, given.fixes, problem
     if so_far is not None:
-        fixes = select_reached_fixes(fixes, recording.t[problem.nodes.sample])
+        fixes = select_reached_fixes(fixes, problem.recording.t[problem.nodes.sample])
     elif fixes:
         check_fix_distance(problem, fixes)
-    placed = problem
     if fixes:
         placed = add_fixes(placed, placed.values, fixes)
     if given.extra is not None:
@@ -198,7 +192,6 @@ def make_problem(given: WalkInput, recording: Recording) -> WalkProblem:
         placed = add_known_places(placed, given.known)
     if placed is not problem:
         placed = replace(placed, values=solve(placed, FIRST_CONVERGENCE).values)
-    # Level floors on it.
     return add_constraints(placed, placed.values, None if so_far is None else so_far.continues)
 
 
@@ -363,10 +356,9 @@ class SmoothedWalk:
 def _smooth(given: WalkInput) -> SmoothedWalk:
     """Solve a walk; return its solution, with its graph."""
     began = perf_counter()
-    fitted = fit_walk(given)
+    walk = fit_walk(given)
     # Covariances, including walk-wide parameters outside the square-root information (gyro scale, moving foot).
-    walk = fitted.walk
-    joint = FootfallCovariance.of(walk.solved, walk.problem.nodes, fitted.shared_sqrt_covariance())
+    joint = FootfallCovariance.of(walk.solved, walk.problem.nodes, walk.shared_sqrt_covariance())
     covariances = list_covariances(list_table_keys(walk.problem.nodes), walk.solved.root, joint.shared)
     solution = to_solution(walk, joint, covariances, given.stances, began)
     if given.progress is not None:

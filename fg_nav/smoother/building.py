@@ -86,7 +86,7 @@ APART_M = 6.0  # Between independent errors of a pass: those of an alignment, an
 ROUNDS = 3  # Of recognizing and solving: the second looks along a path that closes, the third mostly finds the same.
 ANCHORS = 12  # Footfalls relative to which the uncertainty of all others is taken.
 MAX_M = 20_000.0  # Four hours: what could be one place grows with the square of the laps, as does its memory.
-MIN_SIGMA_M, MIN_SIGMA_DEG, MIN_HEIGHT_M = 1.0, 3.0, 0.3  # Between two places: a corridor's width, a stride's wander.
+MIN_PLACE_M, MIN_HEADING_DEG, MIN_HEIGHT_M = 1.0, 3.0, 0.3  # Between two places: a corridor's width, a stride's wander.
 
 
 @dataclass(frozen=True)
@@ -106,13 +106,9 @@ class DirectionFactors(BlockGroup):
 
 
 def make_direction_factors(node: Ints, piece: Ints, share: Floats, alpha: Floats, mixture: Mixture) -> DirectionFactors:
-    """Tie pairs of nodes (M, 2) to the directions A(k) + m pi/2 of their piece k of the walk.
+    """Tie pairs of nodes (M, 2) to the directions A(k) + m pi/2 of their piece (M,) of the walk.
 
-    Parameters
-    ----------
-    node, piece : (M, 2) end nodes of each displacement, and (M,) the piece it lies in.
-    share : (M,) power of each likelihood, <= 1: displacements along one corridor share its error.
-    alpha : (n,) rad, initial direction of each piece, and mean of its prior.
+    `share` (M,) is the power of each likelihood, `alpha` (n,) rad the mean of the prior of each piece.
     """
     courses = BuildingDirection(mixture.sigma, odds_of_elsewhere(mixture.sigma, mixture.share), share)
     wide = gtsam.noiseModel.Isotropic.Sigma(1, OPEN_RAD)
@@ -150,16 +146,8 @@ def share_legs(course: Floats) -> Floats:
     return np.asarray(np.minimum(1.0, LEG_COURSES / np.bincount(leg)[leg]))
 
 
-@dataclass(frozen=True)
-class TrackedDirections:
-    """Directions found along a walk.
-
-    Attributes
-    ----------
-    phi : (M,) rad, unwrapped, at each displacement.
-    mixture : s and P.
-    evidence : log likelihood over that of courses that are anything.
-    """
+class TrackedDirections(NamedTuple):
+    """Directions along a walk: `phi` (M,) rad, s and P, and log likelihood over that of courses that are anything."""
 
     phi: Floats
     mixture: Mixture
@@ -244,12 +232,8 @@ def track_directions(
 ) -> TrackedDirections:
     """Estimate the building direction, modulo pi/2, along courses (M,) rad: a hidden Markov model on a circular grid.
 
-    Parameters
-    ----------
-    share : (M,) power of the likelihood of each course, <= 1.
-    at : (M,) position of each course along the walk, 0 to 1.
-    drift : sigma of heading drift over the whole walk, rad.
-    is_lost : (M-1,) whether heading is lost (uniform turn) before the next course; None if nowhere.
+    `share` (M,) is the power of each likelihood, `at` (M,) the place of each course along the walk, 0 to 1, `drift` rad
+    the sigma over the walk; `is_lost` (M-1,) whether the heading is lost before the next course, None if nowhere.
     """
     variance = np.diff(at) * np.clip(drift, *np.radians(DRIFT_DEG)) ** 2
     variance = variance if is_lost is None else np.where(is_lost, ANY_TURN, variance)
@@ -337,10 +321,7 @@ def make_place_factors(
 ) -> PlaceFactors:
     """Return a tie for each cell of ground that was walked again: its mean place in the later and the earliest pass.
 
-    Parameters
-    ----------
-    t, position, nav_R_body : (F,) s, (F, 3) m and (F, 3, 3) of the footfalls, from the current solution.
-    node : (F,) result node of each footfall.
+    `t` (F,) s, `position` (F, 3) m, `nav_R_body` (F, 3, 3) and `node` (F,) are those of the footfalls.
     """
     # Ground walked again: first passes that were not themselves recognized. Cells are longer where it is much.
     is_first = np.zeros(len(path), dtype=bool)
@@ -402,21 +383,17 @@ def _cut_into_cells(path: Signature, stretch: Stretch, length: float) -> Iterato
 
 @dataclass(frozen=True)
 class PathUncertainty:
-    """Of any place of the path relative to an earlier one, by those relative to anchors.
+    """Of any place of the path relative to an earlier one, by those relative to anchors."""
 
-    `walked_m` (F,) to each footfall, `anchor_m` (A,) to each anchor; variances (A, F) of horizontal place (the larger
-    axis), height and heading.
-    """
-
-    walked_m: Floats
-    anchor_m: Floats
-    place: Floats
-    height: Floats
-    heading: Floats
+    walked_m: Floats  # (F,) to each footfall.
+    anchor_m: Floats  # (A,) to each anchor.
+    place: Floats  # (A, F) variance of horizontal place, of the larger axis,
+    height: Floats  # of height,
+    heading: Floats  # and of heading.
 
     def position_m(self, first: Floats, second: Floats) -> Floats:
         """(M,) m, of each horizontal axis."""
-        return np.hypot(self._look_up(self.place, first, second), MIN_SIGMA_M)
+        return np.hypot(self._look_up(self.place, first, second), MIN_PLACE_M)
 
     def height_m(self, first: Floats, second: Floats) -> Floats:
         """(M,) m."""
@@ -424,7 +401,7 @@ class PathUncertainty:
 
     def heading_rad(self, first: Floats, second: Floats) -> Floats:
         """(M,) rad."""
-        return np.hypot(self._look_up(self.heading, first, second), np.radians(MIN_SIGMA_DEG))
+        return np.hypot(self._look_up(self.heading, first, second), np.radians(MIN_HEADING_DEG))
 
     def _look_up(self, variance: Floats, first: Floats, second: Floats) -> Floats:
         nearest = np.searchsorted(0.5 * (self.anchor_m[1:] + self.anchor_m[:-1]), first)

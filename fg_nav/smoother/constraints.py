@@ -42,7 +42,7 @@ from gtsam.symbol_shorthand import B, V, X
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError
-from fg_nav.factors.walk_constraints import position_fix_factor, position_fix_noise
+from fg_nav.factors.walk_constraints import position_fix_noise
 from fg_nav.frames import yaw_rotation
 from fg_nav.samples.gaps import MAX_HELD_S
 from fg_nav.smoother.graph import (
@@ -236,7 +236,7 @@ class PinnedFixes:
         """Tie the nodes to their fixes."""
         return GtsamFactors(
             *(
-                position_fix_factor(X(int(j)), at, position_fix_noise(float(horizontal), float(vertical)))
+                gtsam.GPSFactor(X(int(j)), at, position_fix_noise(float(horizontal), float(vertical)))
                 for j, at, horizontal, vertical in zip(
                     self.node, self.position, self.horizontal, self.vertical, strict=True
                 )
@@ -336,16 +336,12 @@ def _free_heading(problem: WalkProblem, placed: PinnedFixes | OwnFactors, values
 
 @dataclass(frozen=True)
 class KnownTies:
-    """Footfalls at known places.
+    """Footfalls at known places, in the axes of the known frame about the located start."""
 
-    `t` (P,) s, `in_body` (P, 3) m the point next to each footfall, `place` (P, 3) m where it is, east, north and up of
-    the located start in the axes of the known frame, `covariance` (P, 3, 3) m^2.
-    """
-
-    t: Floats
-    in_body: Floats
-    place: Floats
-    covariance: Floats
+    t: Floats  # (P,) s.
+    in_body: Floats  # (P, 3) m, the point next to each footfall.
+    place: Floats  # (P, 3) m, where it is, east, north and up.
+    covariance: Floats  # (P, 3, 3) m^2.
 
 
 def add_known_places(problem: WalkProblem, ties: KnownTies) -> WalkProblem:

@@ -112,13 +112,7 @@ def find_stretches(recording: Recording, nodes: Nodes, rests: tuple[Rest, ...]) 
 
 
 def turn_stretches(recording: Recording, stretches: Stretches, position: Floats, gyro_bias: Floats) -> FieldStretches:
-    """Return the field with the rotation of each sample to the first of its stretch, from the integrated rate.
-
-    Parameters
-    ----------
-    position : (N, 3) m, at every sample.
-    gyro_bias : (S, 3) rad/s, linearization point of the rotations.
-    """
+    """Return the field with the rotation of each sample to the first of its stretch, linearized at a bias (S, 3)."""
     most, filled = int((stretches.stop - stretches.start).sum()), 0
     samples, number = [np.empty((most, *shape)) for shape in ((3,), (3, 3), (3, 3), (3,))], np.empty(most, np.int64)
     assert recording.mag is not None
@@ -196,8 +190,7 @@ class StretchSum:
 class LevelBias:
     """Gyro bias (K, 3), rad/s, of a solution without the factors, and the direction of up (3,) in the body frame.
 
-    Gravity shows the bias about the level axes. Where the differential field contradicts it there by more than its
-    covariance and `LEVEL_SIGMA_DEG_S` allow, the model of the field is wrong for that variable about all axes.
+    Where the field contradicts what gravity shows about the level axes its model is wrong for that variable.
     """
 
     gyro_bias: Floats
@@ -220,8 +213,8 @@ class DifferentialFactors(GtsamFactors):
 
     def __init__(self, stances: StretchSum, standings: StretchSum, noise: FieldNoise, known: LevelBias) -> None:
         self.stances, self.standings, self.noise = stances, standings, noise
-        limited = limit_information(stances.information, standings.information, noise.iron, len(stances.count))
-        self.information = known.weaken(limited)
+        limited = _add_limited(stances.information, standings.information)
+        self.information = known.weaken(limited.eliminate_iron(noise.iron))
         residual, seen = self.information.residual(), np.flatnonzero(stances.count + standings.count)
         factors = (linear_factor_of(one_of(residual, int(k)), [B(int(k))]) for k in seen)
         super().__init__(*factors, kind="differential_field")
@@ -233,23 +226,16 @@ class DifferentialFactors(GtsamFactors):
             return np.where(information > 0.0, information**-0.5, np.nan)
 
 
-def limit_information(
-    stances: BiasInformation, standings: BiasInformation, iron: Iron, variables: int
-) -> BiasInformation:
-    """Limit the information of stances and of standings by what is common to each, add them, and eliminate the iron."""
-    return _add_limited(stances, standings, variables).eliminate_iron(iron)
-
-
-def _add_limited(stances: BiasInformation, standings: BiasInformation, variables: int) -> BiasInformation:
-    """Add them, of a walk of so many bias variables: what is common to all counts once, so each has a share of it."""
-    share = float(np.sqrt(variables))
+def _add_limited(stances: BiasInformation, standings: BiasInformation) -> BiasInformation:
+    """Add them, limited by what is common to all stances and to all standings: each variable has a share of it."""
+    share = float(np.sqrt(len(stances.matrix)))
     of_stances = stances.limit(share * float(np.radians(STANCE_SIGMA_DEG_S)))
     return of_stances + standings.limit(share * float(np.radians(STANDING_SIGMA_DEG_S)))
 
 
 def find_iron(stances: BiasInformation, standings: BiasInformation) -> Iron:
     """Find the iron of a walk, as that of all its bias variables together, and its bias too but for those limits."""
-    total = _add_limited(stances, standings, len(stances.matrix))
+    total = _add_limited(stances, standings)
     found = BiasInformation(total.matrix.sum(axis=0), total.vector.sum(axis=0)).find_iron(Iron.unknown(IRON_UT))
     return replace(found, covariance=found.covariance + MIN_IRON_UT**2 * np.eye(3))
 
@@ -275,10 +261,7 @@ def sum_stretches(information: BiasInformation, bias: Ints, those: Bools, variab
 def add_differential_field(problem: WalkProblem, values: gtsam.Values, track: Trajectory) -> WalkProblem:
     """Return the problem with gyro-bias factors from the differential field; unchanged where it is not used.
 
-    `track` is the trajectory of these values (`trajectory_of`).
-
-    Its biases are good to some tenths of a degree per second, so the factors are linearized once: in a stance the
-    remainder is a thousandth of the correction, in ten seconds of standing three hundredths.
+    They are linearized once, at the biases of these values, whose trajectory is `track`.
     """
     recording, nodes = problem.recording, problem.nodes
     if not problem.parameters.magnetic.differential or recording.mag is None:

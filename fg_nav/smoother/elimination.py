@@ -29,26 +29,15 @@ ROUNDING = 1e-14  # Of the norm of a column, below which what is left on the dia
 
 
 class Fronts(NamedTuple):
-    """Rows of R, front by front.
+    """Rows of R, front by front."""
 
-    ======= ====== ======================================================================
-    size    (V,)   dimensions d of the variable
-    first   (V,)   its first column in the arrays of all
-    parent  (V,)   front of its parent, -1 without a separator
-    begins  (V+1,) where its columns are in `column`: its own d first
-    column  (c,)   columns
-    at      (V,)   where its rows (d, columns) are in `rows`
-    rows    (r,)   R_FF and R_FS, row by row
-    ======= ====== ======================================================================
-    """
-
-    size: Ints
-    first: Ints
-    parent: Ints
-    begins: Ints
-    column: Ints
-    at: Ints
-    rows: Floats
+    size: Ints  # (V,) dimensions d of the variable.
+    first: Ints  # (V,) its first column in the arrays of all.
+    parent: Ints  # (V,) front of its parent, -1 without a separator.
+    begins: Ints  # (V+1,) where its columns are in `column`: its own d first.
+    column: Ints  # (c,) columns.
+    at: Ints  # (V,) where its rows (d, columns) are in `rows`.
+    rows: Floats  # (r,) R_FF and R_FS, row by row.
 
 
 @njit(cache=True)
@@ -97,22 +86,13 @@ def sum_log_diagonal(fronts: Fronts) -> float:
 
 
 class Factors(NamedTuple):
-    """F linear factors.
+    """F linear factors."""
 
-    ======= ====== ==================================================================
-    begins  (F+1,) where the variables of each are in `member`
-    member  (m,)   variables, by their places in the order of elimination
-    rows    (F,)   its rows
-    at      (F+1,) where its (A b) is in `values`, row by row
-    values  (v,)   A by its variables one after the other, and b
-    ======= ====== ==================================================================
-    """
-
-    begins: Ints
-    member: Ints
-    rows: Ints
-    at: Ints
-    values: Floats
+    begins: Ints  # (F+1,) where the variables of each are in `member`.
+    member: Ints  # (m,) variables, by their places in the order of elimination.
+    rows: Ints  # (F,) its rows.
+    at: Ints  # (F+1,) where its (A b) is in `values`, row by row.
+    values: Floats  # (v,) A by its variables one after the other, and b.
 
 
 class Queue(NamedTuple):
@@ -133,23 +113,15 @@ class Members(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """How the variables from `begin` on, up to `end`, are eliminated.
-
-    ======= ====== =====================================================================================
-    queue          what each takes up
-    parent  (C,)   of each
-    slot    (C,)   where the triangle of its front goes: to one of `slots` places, or to the factors left
-    columns (V+1,) first column of each of all variables
-    ======= ====== =====================================================================================
-    """
+    """How the variables from `begin` on, up to `end`, are eliminated."""
 
     begin: int
     end: int
-    queue: Queue
-    parent: Ints
-    slot: Ints
+    queue: Queue  # What each takes up.
+    parent: Ints  # (C,) of each.
+    slot: Ints  # (C,) where the triangle of its front goes: to one of `slots` places, or to the factors left.
     slots: int
-    columns: Ints
+    columns: Ints  # (V+1,) first column of each of all variables.
 
 
 @njit(cache=True)
@@ -307,8 +279,7 @@ def eliminate_factors(
 ) -> tuple[Fronts, Floats, float, Factors, bool]:
     """Eliminate the variables `begin <= v < end` by QR; `size` (V,) are the dimensions of all variables.
 
-    Returns fronts, parents first; right-hand side r (N,); twice the error at the minimum; the marginal factors on the
-    other variables; and whether R has full rank.
+    Returns fronts, r (N,), twice the error at the minimum, marginal factors on the others, and whether R has full rank.
     """
     plan, fronts, left = plan_elimination(factors, size, begin, end)
     fronts = fronts._replace(rows=np.empty(int(fronts.at[-1])))

@@ -85,11 +85,6 @@ class FeetValues:
     width: float
 
 
-def mark_right(keys: Keys) -> Keys:
-    """Return the keys of the right foot's variables in the graph of both."""
-    return np.asarray(keys, dtype=np.uint64) + RIGHT
-
-
 @dataclass(frozen=True)
 class NodePairs:
     """Residuals (P, r) of pairs of nodes `right` and `left` (P,), one of each foot; of ties with the width besides."""
@@ -105,14 +100,10 @@ class NodePairs:
         """Return some of them."""
         return NodePairs(self.right[those], self.left[those], one_of(self.residuals, those))
 
-    @property
-    def _has_width(self) -> bool:
-        return isinstance(self.residuals, BesideEachOther)
-
     def evaluate(self, values: FeetValues, with_jacobians: bool) -> tuple[Floats, list[Floats]]:
         """Return residuals (P, r) and Jacobians."""
         variables = [list_poses(self.right, values.right), list_poses(self.left, values.left)]
-        if self._has_width:
+        if isinstance(self.residuals, BesideEachOther):
             variables.append(np.full((len(self), 1), values.width))
         return self.residuals.evaluate(variables, with_jacobians)
 
@@ -121,7 +112,7 @@ class NodePairs:
         if not len(self):
             return []
         keys, (e, H) = _pair_keys(self.right, self.left), self.evaluate(values, True)
-        if self._has_width:
+        if isinstance(self.residuals, BesideEachOther):
             keys = np.column_stack([keys, np.full(len(self), WIDTH)])
         return [Stack(keys, np.concatenate([*H, -e[..., None]], axis=2))]
 
@@ -267,7 +258,7 @@ class FeetSystem:
 
     def stack(self, values: FeetValues) -> list[Stack]:
         """Linearize all of them."""
-        of_right = (Stack(mark_right(one.keys), one.rows) for one in self.right.stack(values.right))
+        of_right = (Stack(one.keys + RIGHT, one.rows) for one in self.right.stack(values.right))
         prior = Stack(np.array([[WIDTH]]), np.array([[[1.0, WIDTH_M - values.width]]]) / WIDTH_SIGMA_M)
         pairs = (stack for one in self.between for stack in one.stack(values))
         return [*of_right, *self.left.stack(values.left), prior, *pairs]
@@ -320,17 +311,15 @@ class SolvedFeet:
     @property
     def right(self) -> Solved:
         """The right foot."""
-        return self._foot("right", int(RIGHT))
+        m = self.minimum
+        at_right = m.root.shift_keys(int(RIGHT))
+        return Minimum(m.values.right, at_right, m.steps, m.linearized_at.right, m.error, m.volume)
 
     @property
     def left(self) -> Solved:
         """The left foot."""
-        return self._foot("left", 0)
-
-    def _foot(self, name: str, shift: int) -> Solved:
         m = self.minimum
-        values, at = getattr(m.values, name), getattr(m.linearized_at, name)
-        return Minimum(values, m.root.shift_keys(shift), m.steps, at, m.error, m.volume)
+        return Minimum(m.values.left, m.root, m.steps, m.linearized_at.left, m.error, m.volume)
 
 
 def solve_feet(right: WalkProblem, left: WalkProblem) -> SolvedFeet:
@@ -434,14 +423,9 @@ def order_variables(problem: FeetProblem) -> Keys:
 
 
 def smooth_feet(right: WalkInput, left: WalkInput, progress: Callable[[float], None] | None = None) -> FeetSolution:
-    """Smooth the walk of two feet, whose recordings are on one clock.
+    """Smooth the walk of two feet, whose recordings are on one clock, in the frame of the left one.
 
-    The frame is that of the left foot: its start is the origin, and its heading there the given one.
-
-    Raises
-    ------
-    EstimationError
-        As `smooth` of each foot, and where no steps show how the feet lie to each other.
+    Raises `EstimationError` as `smooth` of each foot, and where no steps show how the feet lie to each other.
     """
     compile_smoother()
     began, fitted = perf_counter(), []
@@ -454,7 +438,7 @@ def smooth_feet(right: WalkInput, left: WalkInput, progress: Callable[[float], N
         report = None if progress is None else lambda done, of=number: progress(0.45 * (of + done))
         fitted.append(fit_walk(replace(foot, parameters=p, progress=report)))
     # Both in one graph.
-    solved = solve_feet(*(replace(one.walk.problem, values=one.walk.solved.values) for one in fitted))
+    solved = solve_feet(*(replace(one.problem, values=one.solved.values) for one in fitted))
     ties = solved.problem.ties
     if ties.cells < MIN_CELLS:
         raise EstimationError(
@@ -465,10 +449,10 @@ def smooth_feet(right: WalkInput, left: WalkInput, progress: Callable[[float], N
     fitted = [one.take_solution(*of) for one, of in zip(fitted, of_each, strict=True)]
     # The sigmas of both feet and of the person, and the dense paths.
     shared = np.hstack([one.shared_sqrt_covariance() for one in fitted])
-    joints = [FootfallCovariance.of(one.walk.solved, one.walk.problem.nodes, shared) for one in fitted]
+    joints = [FootfallCovariance.of(one.solved, one.problem.nodes, shared) for one in fitted]
     covariances, apart_cov = _take_covariances(solved, shared)
     of_right, of_left = (
-        to_solution(one.walk, joint, of_table, foot.stances, began)
+        to_solution(one, joint, of_table, foot.stances, began)
         for one, joint, of_table, foot in zip(fitted, joints, covariances, (right, left), strict=True)
     )
     solution = FeetSolution(
@@ -500,12 +484,12 @@ def _list_tie_times(solved: SolvedFeet) -> Floats:
 def _take_covariances(solved: SolvedFeet, shared: Floats) -> tuple[tuple[Floats, Floats], Floats]:
     """Return table covariances (K, 6, 6) of right and left, and (C, 4, 4) of right less left pose (4) at ties.
 
-    `shared` S (N, n): S S^T is the covariance of errors that all strides share, outside the triangle. One pass along it
-    finds all: of a tied pose that is eliminated before the other one the joint covariance of both, of all else its own.
+    One pass along the triangle finds all: of a tied pose that is eliminated before the other one the joint covariance
+    of both, of all else its own; with what strides share, `shared` (N, n).
     """
     root, ties = solved.minimum.root, solved.problem.ties
     right, left = (list_table_keys(one.nodes) for one in (solved.problem.right, solved.problem.left))
-    keys = np.concatenate([mark_right(np.array(right, dtype=np.uint64)), np.array(left, dtype=np.uint64)])
+    keys = np.concatenate([np.array(right, dtype=np.uint64) + RIGHT, np.array(left, dtype=np.uint64)])
     number = np.stack([ties.right, len(right) + ties.left], axis=1)
     column = root.find_columns(keys[:, None])[:, 0]
     first = column[number].argmin(axis=1)
@@ -533,11 +517,7 @@ def _subtract_left(solved: SolvedFeet, joint: Floats) -> Floats:
 
 
 def measure_width_sigma(root: SquareRoot) -> float:
-    """Sigma of the width, m, by one column of the covariance.
-
-    What all strides share, as a foot that moves in stance, moves both feet alike: without it errors are 0.2 to 0.3
-    sigmas on simulated walks.
-    """
+    """Sigma of the width, m, by one column of the covariance; what all strides share moves both feet alike."""
     column = np.zeros((root.total, 1))
     (at,) = root.find_columns([[int(WIDTH)]])[0]
     column[at] = 1.0

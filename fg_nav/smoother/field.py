@@ -122,17 +122,13 @@ class FieldVerdict:
 
 @dataclass(frozen=True)
 class FieldResiduals:
-    """The field along a walk against its mean.
+    """The field along a walk against its mean."""
 
-    Verdicts of the gate; sigma of the compass (F,) uT, infinite where it has no reading; roughness; attitudes
-    (F, 3, 3); the walk's horizontal field (F, 2).
-    """
-
-    verdicts: FieldVerdicts
-    sigma_uT: Floats
+    verdicts: FieldVerdicts  # Of the gate.
+    sigma_uT: Floats  # (F,) of the compass, infinite where it has no reading.
     rough: FieldRoughness
-    nav_R_body: Floats
-    reference: Floats
+    nav_R_body: Floats  # (F, 3, 3).
+    reference: Floats  # (F, 2), the walk's horizontal field.
 
 
 @dataclass(frozen=True)
@@ -167,29 +163,28 @@ def solve_with_field(problem: WalkProblem, field: FootfallField, path: FieldPath
     """
     p, noise_notes = problem.parameters.magnetic, tuple[str, ...]()
     problem = turn_to_field(problem, field)
-    # The first round, without the heading: it finds the direction in which the field is expected.
-    residuals = compare_field(problem, field, problem.values, path, None, p)
-    problem = add_field_factors(problem, field, residuals, path, p)
-    values = gtsam.Values(problem.values)
-    problem.get(FieldFactors).insert(values)
-    problem = replace(problem, values=values)
-    close = CONVERGENCE if p.rounds == 1 else FIRST_CONVERGENCE
-    problem, solved = free_jumps(problem, solve(problem, close), close)
-    for _ in range(p.rounds - 1):
-        # Spread and weights of the compass by the smoothed walk.
+    values, states = gtsam.Values(problem.values), None
+    for number in range(max(p.rounds, 1)):
+        # Spread and weights of the compass by the walk as it stands; at first without the heading.
+        residuals = compare_field(problem, field, values, path, states, p)
+        problem = add_field_factors(problem, field, residuals, path, p)
         factors = problem.get(FieldFactors)
-        residuals = compare_field(problem, field, solved.values, factors.path, factors.states(solved.values), p)
-        problem = add_field_factors(problem, field, residuals, factors.path, p)
+        if number == 0:
+            factors.insert(values)
         # The noise of the line integrals by its evidence.
-        factors = problem.get(FieldFactors)
-        if len(factors.potential):
-            noise = average_path_noise(problem, solved.values)
+        elif len(factors.potential):
+            noise = average_path_noise(problem, values)
             problem, noise_notes = set_field(problem, factors.assume_lost_share(noise.lost_share)), (noise.note,)
         # And solved again.
-        problem = replace(problem, values=solved.values)
-        del solved  # its triangle is as large as all else
-        problem, solved = free_jumps(problem, solve(problem))
-    states, verdicts = problem.get(FieldFactors).states(solved.values), residuals.verdicts
+        problem = replace(problem, values=values)
+        close = FIRST_CONVERGENCE if number == 0 and p.rounds != 1 else CONVERGENCE
+        problem, solved = free_jumps(problem, solve(problem, close), close)
+        factors, values = problem.get(FieldFactors), solved.values
+        path, states = factors.path, factors.states(values)
+        if number < p.rounds - 1:
+            del solved  # its triangle is as large as all else
+    assert states is not None
+    verdicts = residuals.verdicts
     # Notes.
     east, north = np.median(states[:, E_H], axis=0)
     forward, left, up = states[-1, IRON]

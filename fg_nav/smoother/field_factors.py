@@ -111,11 +111,7 @@ class FieldRoughness:
 
 
 def split_potential(potential: Roughness, lost_share: float, distance_m: Floats) -> tuple[Roughness, Floats]:
-    """Split the changes of a potential over strides (...) of these lengths, m, of whose variance a share is lost.
-
-    Returns what telescopes, and the noise (...) of each integral that does not, uT m (`field`). It grows with the
-    stride: pieces of a standing have none, and do not show whether the integrals of a walk telescope.
-    """
+    """Return what telescopes of a potential, and the noise (...) uT m of each integral over a stride that does not."""
     variance = 2.0 * potential.sigma**2 * (1.0 - potential.correlation(distance_m))
     telescoping = max(1.0 - lost_share, MIN_TELESCOPING)
     return replace(potential, sigma=potential.sigma * np.sqrt(telescoping)), np.sqrt(lost_share * variance)
@@ -128,13 +124,9 @@ def deviate_along(nav_field: Floats, reference: Floats) -> Floats:
 
 
 def measure_roughness(deviation: Floats, seen: Bools, distance_m: Floats) -> FieldRoughness:
-    """Return sigmas and correlation lengths of the field's deviations along the walk.
+    """Return sigmas and correlation lengths of the field's deviations (F,) uT along the walk's mean field.
 
-    Parameters
-    ----------
-    deviation : (F,) uT along the mean field. That across it has the same sigma, but heading errors would hide it.
-    seen : (F,) footfalls with a field.
-    distance_m : (F-1,) from footfall to footfall.
+    `seen` (F,) are the footfalls with a field, `distance_m` (F-1,) the ways between them.
     """
     # Winsorized deviations, zero where the field is missing.
     x, variance = np.where(seen, deviation, 0.0), MIN_SIGMA_UT**2
@@ -181,48 +173,27 @@ def _fit_covariance(x: Floats, variance: float, seen: Bools, distance_m: Floats)
 
 @dataclass(frozen=True)
 class CompassReadings:
-    """The field at F footfalls as the magnetometer has it, and how much each is worth.
+    """The field at F footfalls as the magnetometer has it, and how much each is worth."""
 
-    ================ ======= =========================================================================
-    node             (F,)    of the graph, at the footfall
-    body_field       (F, 3)  uT; anything where it was not seen
-    nav_R_level      (F, 3, 3) attitude whose tilt levels it
-    sigma_uT         (F,)    noise of the compass; infinite where it is not used
-    ================ ======= =========================================================================
-    """
-
-    node: Ints
-    body_field: Floats
-    nav_R_level: Floats
-    sigma_uT: Floats
+    node: Ints  # (F,) of the graph, at the footfall.
+    body_field: Floats  # (F, 3) uT; anything where it was not seen.
+    nav_R_level: Floats  # (F, 3, 3) attitude whose tilt levels it.
+    sigma_uT: Floats  # (F,) noise of the compass; infinite where it is not used.
 
 
 @dataclass(frozen=True)
 class FieldPath:
-    """Of F footfalls and the F - 1 strides between them.
+    """Of F footfalls and the F - 1 strides between them."""
 
-    ============== ============ =============================================================================
-    u              (F-1,)       uT m, line integral of the body field less the vertical part
-    level_path     (F-1, 3)     m, the path in the stance's axes
-    by_up          (F-1, 3)     uT m, by how much u grows with the direction that is up in the body axes of the first, w
-    body_move      (F-1, 3)     m, from footfall to footfall, in the body axes of the first
-    nav_R_level    (F-1, 3, 3)  attitude at the first
-    sigma_uT_m     (F-1,)       noise of u; infinite where the field was not seen
-    distance_m     (F-1,)       from footfall to footfall; over a hole at least what a person walks
-    level_R_body   (3, 3)       stance's axes from the body's
-    jumps          (F-1,)       where the potential jumps, so that u is not used (`field`)
-    ============== ============ =============================================================================
-    """
-
-    u: Floats
-    level_path: Floats
-    by_up: Floats
-    body_move: Floats
-    nav_R_level: Floats
-    sigma_uT_m: Floats
-    distance_m: Floats
-    level_R_body: Floats
-    jumps: Bools
+    u: Floats  # (F-1,) uT m, line integral of the body field less the vertical part.
+    level_path: Floats  # (F-1, 3) m, the path in the stance's axes.
+    by_up: Floats  # (F-1, 3) uT m, by how much u grows with the direction that is up in the body axes of the first, w.
+    body_move: Floats  # (F-1, 3) m, from footfall to footfall, in the body axes of the first.
+    nav_R_level: Floats  # (F-1, 3, 3) attitude at the first.
+    sigma_uT_m: Floats  # (F-1,) noise of u; infinite where the field was not seen.
+    distance_m: Floats  # (F-1,) from footfall to footfall; over a hole at least what a person walks.
+    level_R_body: Floats  # (3, 3) stance's axes from the body's.
+    jumps: Bools  # (F-1,) where the potential jumps, so that u is not used (`field`).
 
 
 class FieldFactors(BlockGroup):
@@ -311,14 +282,9 @@ def transition(distance_m: Floats, rough: FieldRoughness) -> FieldTransition:
 def integrate_path(
     t: Floats, mag: Floats, position: Floats, nav_R_body: Floats, footfall: Ints, up_uT: float
 ) -> FieldPath:
-    """Integrate the field along a walk.
+    """Integrate the field `mag` (N, 3) uT along a walk, of place and attitude at every sample; NaN without a field.
 
-    Parameters
-    ----------
-    t, mag : (N,) s, (N, 3) uT; NaN rows where there was no sample.
-    position, nav_R_body : (N, 3) m, (N, 3, 3), at every sample.
-    footfall : (F,) their samples.
-    up_uT : vertical field of the walk.
+    `footfall` (F,) are samples, `up_uT` the vertical field of the walk.
     """
     row, unseen = np.flatnonzero(np.isfinite(mag[:, 0])), cross_holes(t, footfall)
     integral = integrate_field(t, nav_R_body, position, mag, t[footfall], up_uT)

@@ -94,18 +94,14 @@ K = TypeVar("K", bound=LinearizableBlock)
 
 @dataclass(frozen=True)
 class Known:
-    """What is known of sensor, mounting and walk before the graph is built.
+    """What is known of sensor, mounting and walk before the graph is built, and the same in words."""
 
-    Gyro bias (3,) rad/s to start from, mean (3,) and sigma of its prior, rests, lever, how high clipped peaks of the
-    rate are above the range, over what their flanks show; and the same in words.
-    """
-
-    gyro_bias: Floats
-    gyro_bias_mean: Floats
+    gyro_bias: Floats  # (3,) rad/s to start from.
+    gyro_bias_mean: Floats  # (3,) rad/s, of its prior.
     gyro_bias_sigma: float
     rests: tuple[Rest, ...]
     lever: RollingLever
-    peak_height: float = 1.0
+    peak_height: float = 1.0  # Of clipped peaks of the rate above the range, over what their flanks show.
     notes: tuple[str, ...] = ()
 
 
@@ -133,33 +129,20 @@ class StartPrior:
 
 @dataclass(frozen=True)
 class WalkProblem:
-    """A walk as a graph, before it is solved.
-
-    Attributes
-    ----------
-    recording, nodes, known, parameters : of the walk; with swing noise and bias walk that were chosen.
-    heading_known : whether the heading at the start was given, or fixes show it.
-    start : prior on the first pose.
-    graph : inertial factors, and those on biases and settling.
-    velocities : of the stances.
-    values : of all variables, to start from.
-    blocks : factors of all that joins the first solution, linearized beside the graph.
-    floor : (F,) floor of each footfall, -1 on none; None where they were not searched.
-    tied : footfalls (n,) at places that were recognized, ascending: factors join them over the walk.
-    """
+    """A walk as a graph, before it is solved."""
 
     recording: Recording
     nodes: Nodes
     known: Known
-    parameters: SmootherParameters
-    heading_known: bool
+    parameters: SmootherParameters  # With swing noise and bias walk that were chosen.
+    heading_known: bool  # Whether the heading at the start was given, or fixes show it.
     start: StartPrior
-    graph: gtsam.NonlinearFactorGraph
-    velocities: ResidualBlock
-    values: gtsam.Values
-    blocks: tuple[LinearizableBlock, ...] = ()
-    floor: Ints | None = None
-    tied: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    graph: gtsam.NonlinearFactorGraph  # Inertial factors, and those on biases and settling.
+    velocities: ResidualBlock  # Of the stances.
+    values: gtsam.Values  # Of all variables, to start from.
+    blocks: tuple[LinearizableBlock, ...] = ()  # Of all that joins the first solution, linearized beside the graph.
+    floor: Ints | None = None  # (F,) of each footfall, -1 on none; None where they were not searched.
+    tied: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # Footfalls (n,) at recognized places.
 
     @property
     def system(self) -> WalkSystem:

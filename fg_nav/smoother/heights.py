@@ -114,9 +114,8 @@ def find_floors(
 ) -> tuple[Ints, Ground | None]:
     """Return the floor (F,) of footfalls, 0, 1, ... as they are met, -1 on none; and the ground under the strides.
 
-    Footfalls at `t` (F,) s and `position` (F, 3) m. `settling_sigma_m` is that of the excess S, from which c has its
-    prior; `unseen` (F-1,) are the strides in which samples are missing, after which no floor is recognized. No ground
-    where there are too few footfalls.
+    `settling_sigma_m` is that of the excess S, from which c has its prior; after strides that were `unseen` (F-1,) no
+    floor is recognized. No ground where there are too few footfalls.
     """
     if len(position) < FEWEST:
         return np.full(len(position), -1, dtype=np.intp), None
@@ -191,8 +190,7 @@ def _prior_of_drift(drift_sigma_m: float) -> Floats:
 def find_riser(climb: Floats, length: Floats, drift_sigma_m: float) -> tuple[float, float]:
     """Return riser of the stairs and noise of a climb, m, of largest evidence, from climbs (K,) m.
 
-    `length` (K,) is stride length over the usual one. Strides are independent here, a mixture of level ground, stairs
-    and steps; at most `PILOT` of them, evenly over the walk. The noise is that of what climbs are off the lattice.
+    `length` (K,) is stride length over the usual one. At most `PILOT` strides are taken, as if independent.
     """
     some = np.linspace(0, len(climb) - 1, min(len(climb), PILOT)).astype(int)
     drifts, prior = DRIFTS_M[::LATTICE_STEP], _prior_of_drift(drift_sigma_m)[::LATTICE_STEP]
@@ -347,10 +345,7 @@ def add_constraints(problem: WalkProblem, values: gtsam.Values, continues: Bools
 def find_floors_of_pieces(
     t: Floats, footfall: Ints, position: Floats, stepped: Bools, settling_sigma_m: float
 ) -> tuple[Ints, Ground | None]:
-    """Return the floor number (F,) of each footfall, -1 on none, and the ground; pieces of a standing share a floor.
-
-    `t` (N,) s of the recording, `footfall` (F,) indices into it, `stepped` (F,) False where a standing continues.
-    """
+    """Return floors and ground as `find_floors`; pieces of a standing, not `stepped` (F,), share a floor."""
     first = np.flatnonzero(stepped | (np.arange(len(stepped)) == 0))
     holes = cross_holes(t, footfall[first])
     found, ground = find_floors(t[footfall[first]], position[first], settling_sigma_m, holes)
@@ -365,14 +360,11 @@ def constrain_heights(node: Ints, label: Ints, sigma_m: float) -> ResidualBlock:
 
 @dataclass(frozen=True)
 class Barometer:
-    """The pressure p_0 from which heights count, and what is known of the noise of a footfall's, Pa.
+    """The pressure from which heights count, and what is known of the noise of a footfall's, Pa."""
 
-    `white_pa` of the mean over `readings` of a stance, and `common_pa` of any mean.
-    """
-
-    reference_pa: float
-    white_pa: float
-    common_pa: float
+    reference_pa: float  # p_0.
+    white_pa: float  # Of the mean over `readings` of a stance.
+    common_pa: float  # Of any mean.
     readings: float
 
     @property
@@ -403,18 +395,11 @@ class Barometer:
 
 
 class StancePressures(NamedTuple):
-    """Pressures about the stillest sample of each footfall.
+    """Pressures about the stillest sample of each footfall."""
 
-    ====== ===================================================
-    mean   (F,) Pa; NaN without a reading
-    halves (F,) Pa by which the means of the halves of its readings differ
-    number (F,) of readings
-    ====== ===================================================
-    """
-
-    mean: Floats
-    halves: Floats
-    number: Floats
+    mean: Floats  # (F,) Pa; NaN without a reading.
+    halves: Floats  # (F,) Pa by which the means of the halves of its readings differ.
+    number: Floats  # (F,) of readings.
 
 
 def average_pressures(recording: Recording, stances: Stances, nodes: Nodes) -> StancePressures:
@@ -522,14 +507,10 @@ def stride_factors(
     elapsed_s: float,
     values: gtsam.Values,
 ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
-    """Return the barometer factors of a new footfall, and the initial value of its state, empty without a reading.
+    """Return the barometer factors of a new footfall, the last of those `seen`, and the initial value of its state.
 
-    Parameters
-    ----------
-    seen : pressures of the window; the new footfall is the last.
-    pose_key, height_m : pose of the footfall at its stillest sample, and the height estimated there.
-    states : keys of the states of the footfall before and of this one, `elapsed_s` later.
-    values : current estimate, before this footfall.
+    `states` are the keys of that of the footfall before and of this one, `elapsed_s` later; `values` the estimate
+    before this footfall. Both are empty without a reading.
     """
     graph, new = gtsam.NonlinearFactorGraph(), gtsam.Values()
     (before, state), has_reading = states, bool(np.isfinite(seen.mean[-1]))

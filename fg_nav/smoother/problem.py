@@ -55,7 +55,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
-from typing import cast
+from typing import NamedTuple, cast
 
 import gtsam
 import numpy as np
@@ -181,8 +181,7 @@ def _group_ties(root: SquareRoot, block: ResidualBlock, nodes: Nodes, products: 
     return groups
 
 
-@dataclass(frozen=True)
-class SwingNoise:
+class SwingNoise(NamedTuple):
     """The level `gyr_relative_density` (1/sqrt(Hz)) for a walk, and in words how it came about."""
 
     gyr_relative_density: float
@@ -190,10 +189,7 @@ class SwingNoise:
 
 
 def choose_swing_noise(recording: Recording, stances: Stances, known: Known, p: SmootherParameters) -> SwingNoise:
-    """Average the swing noise density of the rate over `LEVELS`, 1/sqrt(Hz), by their evidence.
-
-    The `gyr_relative_density` of `p` is kept where the walk is too short.
-    """
+    """Average the swing noise density over `LEVELS`, by their evidence; that of `p` where the walk is too short."""
     evidence, strides = _measure_evidence(recording, stances, known, p)
     level, source = p.gyr_relative_density, ": too few strides to see it from"
     if len(evidence):
@@ -216,10 +212,7 @@ def _measure_evidence(
 
 
 def choose_peak_height(recording: Recording, stances: Stances, known: Known, p: SmootherParameters) -> float:
-    """Return the factor on the height of rebuilt (clipped) rate peaks over what their flanks show.
-
-    It is the most probable height; what the walk does not show the prior keeps at 1.
-    """
+    """Return the most probable factor on the height of rebuilt (clipped) rate peaks over what their flanks show."""
     run = recording.peaks[1].run
     if np.round((1.0 / run[run > 0]).sum()) < MIN_PEAKS:
         return 1.0
@@ -324,13 +317,8 @@ def walk_problem(
 ) -> WalkProblem:
     """Make the problem of a walk from what its recording shows, with values near its minimum.
 
-    Parameters
-    ----------
-    heading : float or None
-        Of the body's x axis at the start, rad clockwise from north; None where it is not known: then zero.
-    in_progress : bool
-        Whether the walk goes on after the recording: then a rest that is accepted only because it touches the
-        recording's end is dropped.
+    `heading` of the body's x axis at the start, rad clockwise from north; None where it is not known: then zero. Of a
+    walk `in_progress` a rest that is accepted only because it touches the recording's end is dropped.
     """
     # Start and rests.
     start = find_start(recording, stances, heading or 0.0, p.rest)

@@ -114,10 +114,7 @@ class SharedColumns:
         return np.asarray(self.solve() @ np.linalg.cholesky(covariance))
 
     def spread_untaken(self, information: Floats, pull: Floats, prior: Floats) -> Floats:
-        """Return S (N, n) as `spread`, for numbers left at zero: L, eta and prior covariance (n, n) as of `fit_shared`.
-
-        Their covariance is the second moment about the solution, in which they are zero (`fit_shared`).
-        """
+        """Return S (N, n) as `spread`, for numbers left at zero: by their second moment about it (`fit_shared`)."""
         found, covariance, _ = fit_shared(information, pull, prior)
         return self.spread(covariance + np.outer(found, found))
 
@@ -137,10 +134,7 @@ class SharingFactors(NamedTuple):
 def shared_information(
     root: SquareRoot, parts: Iterable[SharingFactors], n: int
 ) -> tuple[SharedColumns, Floats, Floats]:
-    """Return the columns of n shared numbers, and their information L and information vector eta, walk marginalized.
-
-    L (n, n) = C^T C - Y^T Y (Schur complement), eta (n,) = C^T residual.
-    """
+    """Return the columns of n shared numbers, their information L (n, n) and its vector eta (n,), walk marginalized."""
     products, information, pull = np.zeros((root.total, n)), np.zeros((n, n)), np.zeros(n)
     for A, b, keys, C in parts:
         # b less A x at the minimum without the shared numbers.
@@ -155,20 +149,12 @@ def shared_information(
 
 @dataclass(frozen=True)
 class FootfallCovariance:
-    """Joint covariance of the footfalls of a solved walk.
+    """Joint covariance of the footfalls of a solved walk."""
 
-    Attributes
-    ----------
-    root : of the walk, eliminated by QR.
-    keys : of the poses of the F footfalls.
-    nav_T_body : (F, 4, 6), from their tangent spaces to east, north, up and yaw.
-    shared : L (N, n) of all columns of the walk, n = 0 where the tree holds all.
-    """
-
-    root: SquareRoot
-    keys: tuple[int, ...]
-    nav_T_body: Floats
-    shared: Floats
+    root: SquareRoot  # Of the walk, eliminated by QR.
+    keys: tuple[int, ...]  # Of the poses of the F footfalls.
+    nav_T_body: Floats  # (F, 4, 6), from their tangent spaces to east, north, up and yaw.
+    shared: Floats  # L (N, n) of all columns of the walk, n = 0 where the tree holds all.
 
     @classmethod
     def of(cls, solved: Solved, nodes: Nodes, shared: Floats) -> FootfallCovariance:
@@ -188,10 +174,7 @@ class FootfallCovariance:
 
 
 def weigh_path(position: Floats, until: int | None = None) -> Floats:
-    """Return the gradient (F, 4) of path length by the error of each footfall, position (F, 3) m, up to `until`.
-
-    With heights of zero it is the length over the ground.
-    """
+    """Return the gradient (F, 4) of path length by the error of each footfall, position (F, 3) m, up to `until`."""
     weights = np.zeros((len(position), 4))
     move = np.diff(position[: until if until is None else until + 1], axis=0)
     length = np.linalg.norm(move, axis=1, keepdims=True)
@@ -217,10 +200,7 @@ def weigh_moving_foot(problem: WalkProblem, solved: Solved) -> tuple[SharedColum
 
 
 def find_motion(problem: WalkProblem, values: gtsam.Values) -> Floats:
-    """Return (a, up x a) (M, 3, 2) m/s at each node, nav axes, a the mean velocity of the stride over ground.
-
-    Zero in the first stance, in long ones, and after a gap in the samples.
-    """
+    """Return (a, up x a) (M, 3, 2) m/s at each node, nav axes; zero in the first stance, long ones, and after a gap."""
     nodes = problem.nodes
     t = problem.recording.t[nodes.sample[nodes.result]]
     position = list_positions(nodes.result, values)
@@ -237,16 +217,12 @@ def find_motion(problem: WalkProblem, values: gtsam.Values) -> Floats:
 
 @dataclass(frozen=True)
 class GyroScale:
-    """Scale errors (3,) of the gyroscope that are taken off, and what is left about them.
+    """Scale errors of the gyroscope that are taken off, and what is left about them."""
 
-    `probability` of the model with one scale for the whole walk, `sigma` (3,) of its errors, and second moment (3, 3)
-    of what is wrong in all swings about the errors taken off, over all models; about none, where they do not matter.
-    """
-
-    scale: Floats
-    sigma: Floats
-    probability: float
-    second_moment: Floats
+    scale: Floats  # (3,).
+    sigma: Floats  # (3,).
+    probability: float  # Of the model with one scale for the whole walk.
+    second_moment: Floats  # (3, 3) of what is wrong in all swings about what is taken off, over all models.
 
     @property
     def matters(self) -> bool:
@@ -338,10 +314,7 @@ def _list_inertial(problem: WalkProblem, values: gtsam.Values) -> Iterator[Shari
 
 
 def spread_clipped_peaks(problem: WalkProblem, solved: Solved) -> Floats:
-    """Return S (N, n): S S^T is the covariance of errors common to rebuilt (clipped) peaks of the rate.
-
-    One number each for the peaks of an axis on one side; none where no peak was rebuilt.
-    """
+    """Return S (N, n): S S^T is the covariance of errors common to rebuilt (clipped) peaks, of an axis on one side."""
     peaks, gyr = problem.recording.peaks[1], problem.recording.gyr
     # A peak errs as a whole: scale the sigma of its samples, which holds for independent errors.
     alike = peaks.sigma / np.sqrt(np.maximum(peaks.run, 1.0))
@@ -381,8 +354,7 @@ def _list_rate_biases(problem: WalkProblem, values: gtsam.Values) -> Floats:
 def sense_rate_error(t: Floats, force: Floats, rate: Floats, sample: Ints, bias: Floats, error: Floats) -> Floats:
     """Return D (M-1, 9, 3): end state of each interval between samples (M,), by the size of a rate error on each axis.
 
-    Rows: rotation (rad), position (m), velocity (m/s), all in the body axes at the end. `bias` (M-1, 3) rad/s, `error`
-    (N, 3) rad/s what the rate reads too much. The rotation acts in the middle of each sample.
+    Rows: rotation (rad), position (m), velocity (m/s), in the body axes at the end; `error` (N, 3) rad/s.
     """
     count = len(sample) - 1
     start_R_end, moved = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3, 3, 3))

@@ -7,12 +7,6 @@ where the model holds its minimum is that of the graph: one linearization less t
 nothing, and its triangle serves for the marginals (`square_root`). The outer loop is in Python, so that no factor is
 handed a copy of the values. What is minimized is a `System`: a walk (`WalkSystem`), or two feet (`feet`). On a chain
 the order of time is as good as any and leaves the last footfall at the root.
-
-A Bayes tree of GTSAM, of a part of a walk online, gives its covariances by one pass down. QR left in each clique R x_F
-+ S x_S = d, F its frontal variables, S its separator, whose variables all stand in the parent clique. With P_SS known
-from the parent and W = -R^-1 S, P_FS = W P_SS and P_FF = R^-1 R^-T + W P_SS W^T. (GTSAM's `Marginals` eliminates
-again, by Cholesky: after half an hour of walking its covariances are off by some per mille, and each takes
-milliseconds.)
 """
 
 from __future__ import annotations
@@ -25,7 +19,6 @@ from typing import Generic, Protocol, TypeAlias, TypeVar
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, X
-from scipy.linalg.lapack import dtrtri
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EstimationError, FgNavError
@@ -61,37 +54,24 @@ class System(Protocol[V]):
 
 @dataclass(frozen=True)
 class Minimum(Generic[V]):
-    """Values at the minimum of a system, the triangle of the last linearization, and the number of linearizations.
-
-    `error` is that of `values`; `linearized_at` are those of the last linearization, one step before the minimum;
-    `volume` is log|R|, `stacks` are the linear factors.
-    """
+    """Minimum of a system, the triangle of the last linearization, and the number of linearizations."""
 
     values: V
     root: SquareRoot
     steps: int
-    linearized_at: V
-    error: float
-    volume: float
-    stacks: Sequence[Stack] = ()
+    linearized_at: V  # One step before the minimum.
+    error: float  # Of the values.
+    volume: float  # log|R|.
+    stacks: Sequence[Stack] = ()  # The linear factors.
 
 
 def find_minimum(
     system: System[V], values: V, keys: Keys, convergence: float = CONVERGENCE, largest_steps: int = MAX_STEPS
 ) -> Minimum[V]:
-    """Minimize the error of a system by Gauss-Newton.
+    """Minimize the error of a system by Gauss-Newton, to this difference of promised and true error per variable.
 
-    Parameters
-    ----------
-    keys
-        Of all variables, in the order of their elimination.
-    convergence
-        Largest difference of promised and true error per variable.
-
-    Raises
-    ------
-    EstimationError
-        If the equations have no unique solution, or no minimum is found in `largest_steps`.
+    `keys` of all variables, in the order of their elimination. Raises `EstimationError` if the equations have no unique
+    solution, or no minimum is found in `largest_steps`.
     """
     error = np.inf
     for steps in range(1, largest_steps + 1):
@@ -126,11 +106,8 @@ class LinearizableBlock(Protocol):
     def error(self, values: gtsam.Values) -> float:
         """Half the sum of squares of the residuals over their sigmas."""
 
-    def linearize(self, values: gtsam.Values) -> Iterator[gtsam.GaussianFactor]:
-        """Yield its factors, linearized at these values."""
-
     def stack(self, values: gtsam.Values) -> list[Stack]:
-        """Return the same as arrays."""
+        """Linearize them at these values, as arrays."""
 
     def factors(self) -> Iterable[gtsam.NonlinearFactor]:
         """Yield them as factors of gtsam, one by one."""
@@ -149,12 +126,8 @@ class BlockGroup:
         """Half the sum of squares of the residuals over their sigmas."""
         return sum(block.error(values) for block in self.blocks)
 
-    def linearize(self, values: gtsam.Values) -> Iterator[gtsam.GaussianFactor]:
-        """Yield its factors, linearized at these values."""
-        return chain.from_iterable(block.linearize(values) for block in self.blocks)
-
     def stack(self, values: gtsam.Values) -> list[Stack]:
-        """Return the same as arrays."""
+        """Linearize them at these values, as arrays."""
         return [stack for block in self.blocks for stack in block.stack(values)]
 
     def factors(self) -> Iterator[gtsam.NonlinearFactor]:
@@ -163,11 +136,7 @@ class BlockGroup:
 
 
 class GtsamFactors:
-    """Factors of gtsam that are not in the graph of the walk; `kind` is the word under which they are counted, if any.
-
-    Their loss is half the square of their linearized residuals, but for factors with a robust one, of which `excess` is
-    what is above that.
-    """
+    """Factors of gtsam that are not in the graph of the walk; `kind` is the word under which they are counted."""
 
     def __init__(self, *factors: gtsam.NonlinearFactor, kind: str = "") -> None:
         self._graph, self.counts = gtsam.NonlinearFactorGraph(), {kind: len(factors)} if kind and factors else {}
@@ -181,14 +150,11 @@ class GtsamFactors:
         """Half the sum of squares of the residuals over their sigmas."""
         return float(self._graph.error(values))
 
-    def linearize(self, values: gtsam.Values) -> Iterator[gtsam.GaussianFactor]:
-        """Yield its factors, linearized at these values."""
-        linear = self._graph.linearize(values)
-        return map(linear.at, range(linear.size()))
-
     def stack(self, values: gtsam.Values) -> list[Stack]:
-        """Return the same as arrays."""
-        return stack_factors(gtsam.JacobianFactor(one) for one in self.linearize(values) if one is not None)
+        """Linearize them at these values, as arrays."""
+        linear = self._graph.linearize(values)
+        factors = map(linear.at, range(linear.size()))
+        return stack_factors(gtsam.JacobianFactor(one) for one in factors if one is not None)
 
     def factors(self) -> Iterator[gtsam.NonlinearFactor]:
         """Yield them one by one."""
@@ -204,9 +170,8 @@ def list_in_time(
 ) -> Keys:
     """Return the keys in elimination order: node by node, bias and settling after their last node.
 
-    The states M of the field and P of a barometer follow the node of their footfall's result. Floors come after the
-    last footfall on them, of which `floor` (F,) has the number. The `directions` of a building, which all courses join,
-    are last.
+    The states M of the field and P of a barometer follow the node of their footfall's result, floors the last footfall
+    on them, of which `floor` (F,) has the number. The `directions` of a building, which all courses join, are last.
     """
     number, bias = np.arange(len(nodes)), nodes.bias[nodes.footfall]
     ends = np.flatnonzero(np.diff(bias, append=bias[-1] + 1))
@@ -267,14 +232,6 @@ class WalkSystem:
         """Robust-loss excess; zero for quadratic factors."""
         return sum(block.excess(values) for block in self.blocks if isinstance(block, GtsamFactors))
 
-    def linearize(self, values: gtsam.Values) -> gtsam.GaussianFactorGraph:
-        """Linearize all factors, one by one."""
-        linear = self.graph.linearize(values)
-        for block in self.blocks:
-            for factor in block.linearize(values):
-                linear.push_back(factor)
-        return linear
-
     def move(self, values: gtsam.Values, step: Mapping[int, Floats]) -> gtsam.Values:
         """Retract each variable."""
         vectors = gtsam.VectorValues()
@@ -286,34 +243,6 @@ class WalkSystem:
 def dimension_of(key: int) -> int:
     """Dimension of the tangent space of a variable of the walk."""
     return DIMENSION[key >> LETTER_SHIFT]
-
-
-def marginal_covariances(tree: gtsam.GaussianBayesTree, wanted: set[int]) -> dict[int, Floats]:
-    """Return the marginal covariance (d, d) of each wanted key, tangent space, from a Bayes tree, parents first."""
-    found: dict[int, Floats] = {}
-    nothing: dict[int, tuple[int, int]] = {}  # first row of each key of a clique, and the row after its last
-    stack = [(root, nothing, np.zeros((1, 1))) for root in tree.roots()]
-    while stack:
-        clique, above, parent = stack.pop()
-        conditional, rows, end = clique.conditional(), dict[int, tuple[int, int]](), 0
-        keys = conditional.keys()
-        for key in keys:
-            rows[key] = (end, end := end + dimension_of(key))
-        known = np.array([i for key in keys if key in above for i in range(*above[key])], dtype=np.int64)
-        # Covariance of the frontal variables and of the separator, at rows `known` of the parent's.
-        S, R_inverse = conditional.S(), dtrtri(conditional.R())[0]
-        f = len(S)
-        joint = np.empty((f + len(known), f + len(known)))
-        joint[f:, f:] = parent[known[:, None], known]
-        W = -R_inverse @ S
-        cross = W @ joint[f:, f:]
-        joint[:f, f:], joint[f:, :f] = cross, cross.T
-        joint[:f, :f] = R_inverse @ R_inverse.T + cross @ W.T
-        for key in wanted.intersection(rows).difference(found):
-            first, last = rows[key]
-            found[key] = joint[first:last, first:last].copy()
-        stack += [(clique[i], rows, joint) for i in range(clique.nrChildren())]
-    return found
 
 
 def residuals_at_minimum(

@@ -64,16 +64,12 @@ class Wanted(NamedTuple):
 
 
 class Groups(NamedTuple):
-    """Groups of variables, each along a path of the tree, and its n sums G^T x.
+    """Groups of variables, each along a path of the tree, and its n sums G^T x."""
 
-    `of_column` (N,) group of each column, -1 in none, `G` (N, n) of all columns, and one column that a group has in
-    common with others: `common` (F,), `by_common` (F, n).
-    """
-
-    of_column: Ints
-    G: Floats
-    common: Ints
-    by_common: Floats
+    of_column: Ints  # (N,) group of each column, -1 in none.
+    G: Floats  # (N, n) of all columns.
+    common: Ints  # (F,) one column that a group has in common with others,
+    by_common: Floats  # (F, n) and G there.
 
 
 @njit(cache=True)

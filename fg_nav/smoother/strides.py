@@ -286,18 +286,11 @@ def _apply(theta: Floats, by_itself: float, by_one: float, by_two: float, v: Flo
 
 
 class UnseenWalks(NamedTuple):
-    """Of the intervals between M nodes.
+    """Of the intervals between M nodes."""
 
-    ============ ======== =====================================================================
-    unseen       (M-1,)   whether samples are missing
-    body_up      (M-1, 3) specific force at the end of each that is unseen, m/s^2
-    walk                  what a person does in each; of those that are seen, nothing of meaning
-    ============ ======== =====================================================================
-    """
-
-    unseen: Bools
-    body_up: Floats
-    walk: UnseenWalk
+    unseen: Bools  # (M-1,) whether samples are missing.
+    body_up: Floats  # (M-1, 3) specific force at the end of each that is unseen, m/s^2.
+    walk: UnseenWalk  # What a person does in each; of those that are seen, nothing of meaning.
 
 
 def find_unseen_walks(recording: Recording, sample: Ints, with_compass: bool = True) -> UnseenWalks:
@@ -339,24 +332,14 @@ def _average_about(recording: Recording, node: int) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True)
 class Nodes:
-    """Nodes of a walk, in order of time.
+    """Nodes of a walk, in order of time."""
 
-    ========= ==== ===========================================================
-    sample    (M,) index into the recording, ascending
-    interval  (M,) stance interval it stands in
-    footfall  (M,) footfall it belongs to
-    first     (F+1,) first node of each footfall, and M
-    result    (F,) node of each footfall at its stillest sample
-    bias      (F,) bias variable of each footfall, from 0, never falling
-    ========= ==== ===========================================================
-    """
-
-    sample: Ints
-    interval: Ints
-    footfall: Ints
-    first: Ints
-    result: Ints
-    bias: Ints
+    sample: Ints  # (M,) index into the recording, ascending.
+    interval: Ints  # (M,) stance interval it stands in.
+    footfall: Ints  # (M,) footfall it belongs to.
+    first: Ints  # (F+1,) first node of each footfall, and M.
+    result: Ints  # (F,) node of each footfall at its stillest sample.
+    bias: Ints  # (F,) bias variable of each footfall, from 0, never falling.
 
     def __len__(self) -> int:
         return len(self.sample)
@@ -427,21 +410,16 @@ def _count_pieces(duration: float, spacing: float, shortest: float) -> int:
 
 @dataclass(frozen=True)
 class Stride:
-    """What a footfall and the swing before it measured.
-
-    Nodes `first <= j < last`, bias `bias` and before the footfall `bias_before`, begun `bias_age_s` ago;
-    `measurements` from each node's predecessor to it (none before the very first); `velocities` of all nodes that were
-    measured together, of which its own are the rows `own`.
-    """
+    """What a footfall and the swing before it measured, at the nodes `first <= j < last`."""
 
     first: int
     last: int
     bias: int
     bias_before: int
     bias_age_s: float
-    measurements: list[Measurement]
-    velocities: StanceVelocity
-    own: slice
+    measurements: list[Measurement]  # From each node's predecessor to it; none before the very first.
+    velocities: StanceVelocity  # Of all nodes that were measured together,
+    own: slice  # and which of them are its own.
     rests: list[Rest]
 
     @property

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fg_nav.calibration.magnetometer import MagnetometerCalibration
+from fg_nav.calibration import MagnetometerCalibration
 from fg_nav.calibration.of_recording import Calibration, read_calibration, write_calibration
 from fg_nav.errors import CalibrationError
 

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fg_nav.calibration import ellipsoid
+from fg_nav.calibration import UPPER, ellipsoid
 from fg_nav.calibration.ellipsoid import UNKNOWN_UT, Ellipse, calibrate_on_loop, fit_ellipse
-from fg_nav.calibration.magnetometer import UPPER
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import yaw_rotation
 from fg_nav.lab.extremes import find_ellipse_as_printed, find_ellipse_by_extremes

@@ -5,9 +5,8 @@ import pytest
 from scipy.linalg import polar
 from scipy.spatial.transform import Rotation
 
-from fg_nav.calibration import ellipsoid
+from fg_nav.calibration import UPPER, ellipsoid
 from fg_nav.calibration.ellipsoid import fit_constrained_quadric, fit_ellipsoid, measure_coverage
-from fg_nav.calibration.magnetometer import UPPER
 from fg_nav.errors import CalibrationError
 from fg_nav.lab.extremes import upper_triangular
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fg_nav.calibration import MagnetometerCalibration
 from fg_nav.calibration.inertial import AccelerometerCalibration, GyroscopeCalibration
-from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.calibration.of_recording import (
     Calibration,
     is_calibration,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fg_nav.calibration.magnetometer import (
+from fg_nav.calibration import (
     LEVEL_FIELD_UT,
     UPPER,
     MagnetometerCalibration,

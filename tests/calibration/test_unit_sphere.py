@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from fg_nav.calibration import ellipsoid
+from fg_nav.calibration import UPPER, ellipsoid
 from fg_nav.calibration.ellipsoid import fit_ellipsoid, fit_unit_sphere
-from fg_nav.calibration.magnetometer import UPPER
 from fg_nav.errors import CalibrationError
 from tests.calibration.test_ellipsoid import STRENGTH, sensor
 

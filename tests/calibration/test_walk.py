@@ -7,8 +7,7 @@ import pytest
 from scipy.linalg import polar
 from scipy.spatial.transform import Rotation
 
-from fg_nav.calibration import walk_model
-from fg_nav.calibration.magnetometer import UPPER, circular_sd_deg, correct_field
+from fg_nav.calibration import UPPER, circular_sd_deg, correct_field, walk_model
 from fg_nav.calibration.walk import (
     WalkCalibrationParameters,
     calibrate_on_walk,

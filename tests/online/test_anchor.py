@@ -10,8 +10,8 @@ from fg_nav.online.estimates import EstimateRow, Past, PathNodes
 from fg_nav.online.resolve import solve_from_start, solve_so_far
 from fg_nav.online.strides import StanceNodes, list_stances, list_variables
 from fg_nav.online.window import MarginalPrior, Window, marginalize
-from fg_nav.smoother.solver import marginal_covariances
 from fg_nav.smoother.square_root import LinearWalk, stack_factors
+from tests.linear import marginal_covariances
 from tests.online.test_online_smoother import add, fed, in_field
 from tests.smoother.walks import FREE, demo, part, time_order
 
@@ -59,7 +59,7 @@ def test_an_anchor_and_the_strides_behind_it_say_what_the_whole_graph_says() -> 
     walk, at = part(demo(), 16), 9
     found = solve_so_far(walk.recording, walk.stances, OnlineOptions(use_field=False, parameters=FREE)).walk
     stances, values = list_stances(found.problem.nodes, walk.recording.t), found.solved.values
-    linear = found.problem.system.linearize(values)
+    linear = found.problem.factors().linearize(values)
     past = {key for stance in stances[: at + 1] for key in list_variables(stance, values)}
     before, behind = [], gtsam.GaussianFactorGraph()
     for factor in (linear.at(i) for i in range(linear.size())):

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 
-from fg_nav.calibration.magnetometer import MagnetometerCalibration
+from fg_nav.calibration import MagnetometerCalibration
 from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.smoother import OnlineSmoother
 from tests.online.test_online_smoother import FOOTFALLS, farthest, fed, in_field, polished

@@ -10,8 +10,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from fg_nav.pocket.filter import FilterInputs, allocate_track, initialize_state, run_filter
-from fg_nav.pocket.filter_equations import PocketParameters, build_model, create_reference
+from fg_nav.pocket.filter import (
+    FilterInputs,
+    PocketParameters,
+    allocate_track,
+    build_model,
+    create_reference,
+    initialize_state,
+    run_filter,
+)
 from fg_nav.pocket.track import PocketStart
 from tests.pocket.leg import MUNICH, walking
 

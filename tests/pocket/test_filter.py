@@ -10,7 +10,7 @@ from fg_nav.errors import EstimationError
 from fg_nav.frames import yaw_rotation
 from fg_nav.lab.reproduce.munoz_diaz2017.as_printed import Misprints, estimate_as_printed
 from fg_nav.pocket import PocketParameters, PocketStart, estimate_pocket, level_start
-from fg_nav.pocket import filter_equations as defaults
+from fg_nav.pocket import filter as defaults
 from tests.pocket.leg import BIAS, Leg, resting, walking
 
 WIDE = PocketParameters(gyro_bias_sigma_deg_s=0.5, acc_sigma_m_s2=0.05)

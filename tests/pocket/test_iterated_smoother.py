@@ -19,9 +19,11 @@ from fg_nav.pocket import (
     PocketSmootherParameters,
     PocketStart,
     estimate_pocket,
-    filter_equations,
     iterated_smoother,
     smooth_pocket,
+)
+from fg_nav.pocket import (
+    filter as pocket_filter,
 )
 from fg_nav.recording import Recording
 from tests.pocket.hand import moved
@@ -39,7 +41,7 @@ def assume(monkeypatch):
 
     def set_constants(**constants):
         for name, value in constants.items():
-            for module in (filter_equations, iterated_smoother):
+            for module in (pocket_filter, iterated_smoother):
                 if hasattr(module, name):
                     monkeypatch.setattr(module, name, value)
 

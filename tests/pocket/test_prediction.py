@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fg_nav.lab.reproduce.munoz_diaz2017.as_printed import swap_turn
-from fg_nav.pocket.filter_equations import (
+from fg_nav.pocket.filter import (
     PocketParameters,
     PocketState,
     build_model,

@@ -8,7 +8,7 @@ import pytest
 from fg_nav.errors import EstimationError
 from fg_nav.frames import compute_heading
 from fg_nav.pocket import compass_start, level_start
-from fg_nav.pocket.track import estimate_field_noise_uT
+from fg_nav.pocket.filter import estimate_field_noise_uT
 from tests.pocket.leg import resting, walking
 
 

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.lab.reproduce.munoz_diaz2017.as_printed import rotation_of_angles, swap_turn, update_gravity_in_angles
 from fg_nav.mechanisation import cross_matrix, right_jacobian
-from fg_nav.pocket.filter_equations import (
+from fg_nav.pocket.filter import (
     PocketParameters,
     PocketState,
     build_model,

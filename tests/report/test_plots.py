@@ -27,7 +27,7 @@ from fg_nav.report.charts import (
     spread_rows,
 )
 from fg_nav.report.plots import style
-from fg_nav.report.plots.walk import draw_walk
+from fg_nav.report.plots.style import draw_walk
 from fg_nav.report.series import draw_headings
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.truth import TrajectoryTruth

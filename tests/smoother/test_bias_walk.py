@@ -97,7 +97,7 @@ def test_its_variance_is_the_mean_by_the_evidence_of_the_gaussian() -> None:
 def dense_evidence(walk: Walk, values: gtsam.Values, level: float) -> float:
     p = replace(GIVEN, choose_bias_walk=False, gyro_bias_walk_deg_s=level)
     of = walk_problem(walk.recording, walk.stances, 0.0, p)
-    A, b = of.system.linearize(values).jacobian(time_order(of.nodes))
+    A, b = of.factors().linearize(values).jacobian(time_order(of.nodes))
     scale = np.linalg.norm(A, axis=0)
     left, singular, _ = np.linalg.svd(A / scale, full_matrices=False)
     error = 0.5 * (b @ b - ((left.T @ b) ** 2).sum())

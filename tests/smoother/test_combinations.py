@@ -30,7 +30,7 @@ def test_tree_gives_what_the_dense_covariance_does() -> None:
     joint = FootfallCovariance.of(solved, problem.nodes, shared)
     rows = [slice(first[key], first[key] + 6) for key in joint.keys]
     # Columns of one size, as poses, velocities and biases are of many.
-    A, _ = problem.system.linearize(solved.linearized_at).jacobian(ordering)
+    A, _ = problem.factors().linearize(solved.linearized_at).jacobian(ordering)
     size = np.linalg.norm(A, axis=0)
     root = np.linalg.inv(np.linalg.qr(A / size)[1]) / size[:, None]
     T = np.zeros((len(rows), 4, A.shape[1]))

@@ -20,7 +20,8 @@ from fg_nav.smoother.building import (
     make_direction_factors,
 )
 from fg_nav.smoother.heights import LEVEL_SIGMA_M, constrain_heights
-from fg_nav.smoother.solver import LinearizableBlock, Solved, WalkSystem, find_minimum, marginal_covariances
+from fg_nav.smoother.solver import LinearizableBlock, Solved, WalkSystem, find_minimum
+from tests.linear import linear_factors, marginal_covariances
 from tests.smoother.walks import DEFAULT, FREE, demo, list_keys, problem, time_order
 
 STRIDE_M = 1.3
@@ -90,7 +91,7 @@ def steps_of(values: gtsam.Values, seed: int, size: float) -> gtsam.VectorValues
 
 def linear(block: LinearizableBlock, values: gtsam.Values) -> gtsam.GaussianFactorGraph:
     graph = gtsam.GaussianFactorGraph()
-    for factor in block.linearize(values):
+    for factor in linear_factors(block, values):
         graph.push_back(factor)
     return graph
 
@@ -174,7 +175,7 @@ def test_a_floor_that_is_visited_again_gets_its_height_back() -> None:
 
 def test_a_walk_on_no_floor_is_left_alone() -> None:
     block = constrain_heights(np.arange(21), np.full(21, -1), LEVEL_SIGMA_M)
-    assert list(block.linearize(gtsam.Values())) == []
+    assert block.stack(gtsam.Values()) == []
 
 
 def test_marginals_are_those_of_the_information_matrix() -> None:
@@ -193,7 +194,7 @@ def test_marginals_are_those_of_the_information_matrix() -> None:
     ordering.push_back(A(0))
     graph = dead_reckoned(poses, SIGMA).linearize(values)
     for block in blocks:
-        for factor in block.linearize(values):
+        for factor in linear_factors(block, values):
             graph.push_back(factor)
     full = np.linalg.inv(graph.hessian(ordering)[0])
     keys = [*(X(k) for k in range(len(poses))), Z(0), Z(1), A(0)]

@@ -31,6 +31,7 @@ from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.strides import place_nodes
 from fg_nav.solution import Solution
 from fg_nav.truth import TrajectoryTruth
+from tests.linear import linear_factors
 from tests.smoother.walks import DEFAULT, demo, track_of
 
 EARTH = np.array([1.0, 20.0, -43.0])
@@ -108,7 +109,7 @@ def test_without_a_rest_the_bias_is_found_better(rough: bool) -> None:
 def test_its_factors_are_the_same_in_batch_and_one_by_one() -> None:
     problem, values = with_factors(True)
     factors = factors_of(problem)
-    together = {f.keys()[0]: f.information() for f in factors.linearize(values)}
+    together = {f.keys()[0]: f.information() for f in linear_factors(factors, values)}
     one_by_one = {f.keys()[0]: f.linearize(values).information() for f in factors.factors()}
     assert sorted(together) == sorted(one_by_one) == [B(k) for k in range(len(factors))]
     for key, information in together.items():

@@ -61,7 +61,7 @@ def solved(feet: dict[str, WalkInput]) -> SolvedFeet:
 
 
 def begin(foot: WalkInput):
-    walk = fit_walk(foot).walk
+    walk = fit_walk(foot)
     return replace(walk.problem, values=walk.solved.values)
 
 

@@ -36,6 +36,7 @@ from fg_nav.smoother.field_factors import (
 )
 from fg_nav.smoother.parameters import FieldParameters
 from tests.factors.attitudes import eliminated, pose, values_of
+from tests.linear import linear_factors
 
 P = FieldParameters()
 COMPASS = replace(P, potential=False)
@@ -129,7 +130,7 @@ class Walked:
 
     def linear(self, values: gtsam.Values) -> gtsam.GaussianFactorGraph:
         graph = gtsam.GaussianFactorGraph()
-        for factor in chain.from_iterable(block.linearize(values) for block in self.factors.blocks):
+        for factor in chain.from_iterable(linear_factors(block, values) for block in self.factors.blocks):
             graph.push_back(factor)
         for k in range(self.count):  # a pose that no factor knows is there all the same
             graph.push_back(gtsam.JacobianFactor(X(2 * k), np.zeros((1, 6)), np.zeros(1), UNIT))

@@ -9,8 +9,8 @@ from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import Stack
 from fg_nav.recording import Recording
-from fg_nav.smoother.solver import marginal_covariances
 from fg_nav.smoother.square_root import DIMENSION, LinearWalk, stack_factors
+from tests.linear import marginal_covariances
 from tests.smoother.walks import Problem, Walk, demo, list_keys, minimum, part, problem, with_exact_factors
 
 

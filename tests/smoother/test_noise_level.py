@@ -76,7 +76,7 @@ def test_evidence_is_that_of_the_gaussian() -> None:
         problem, covariances = piece._problem, piece.covariances(level)
         for (i, factor), noise in zip(piece._inertial, covariances, strict=True):
             problem.graph.replace(i, factor.cloneWithNewNoiseModel(gtsam.noiseModel.Gaussian.Covariance(noise)))
-        A, b = problem.system.linearize(problem.values).jacobian(time_order(problem.nodes))
+        A, b = problem.factors().linearize(problem.values).jacobian(time_order(problem.nodes))
         scale = np.linalg.norm(A, axis=0)
         left, singular, _ = np.linalg.svd(A / scale, full_matrices=False)
         error = 0.5 * (b @ b - ((left.T @ b) ** 2).sum())

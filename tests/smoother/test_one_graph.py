@@ -14,6 +14,7 @@ from fg_nav.smoother.field import integrate_field, solve_with_field
 from fg_nav.smoother.field_factors import FieldFactors
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.problem import walk_problem
+from tests.linear import linear_factors
 from tests.smoother.walks import DEFAULT, demo, part, time_order, track_of
 from tests.test_laws import LIBRARY, module_name
 
@@ -77,13 +78,13 @@ def test_batch_and_isam2_linearize_the_same_walk_to_the_same_information(
         delta.insert(key, 1e-2 * rng.standard_normal(size))
     values = problem.values.retract(delta)
     batch = problem.graph.linearize(values)
-    for block in problem.blocks:
-        for factor in block.linearize(values):
+    for block in problem.system.blocks:
+        for factor in linear_factors(block, values):
             batch.push_back(factor)
     expected, found = (information_of(linear, problem) for linear in (batch, problem.factors().linearize(values)))
     scale = np.sqrt(np.diag(expected[0]))
     np.testing.assert_allclose((found[0] - expected[0]) / np.outer(scale, scale), 0.0, atol=1e-9)
     np.testing.assert_allclose((found[1] - expected[1]) / scale, 0.0, atol=1e-9 * np.abs(expected[1] / scale).max())
     assert problem.factors().error(values) == pytest.approx(
-        problem.graph.error(values) + sum(block.error(values) for block in problem.blocks), rel=1e-9
+        problem.graph.error(values) + sum(block.error(values) for block in problem.system.blocks), rel=1e-9
     )

@@ -117,7 +117,7 @@ def test_uncertainty_is_that_of_the_whole_graph() -> None:
     ordering = gtsam.Ordering()
     for key in order_variables(problem).tolist():
         ordering.push_back(key)
-    A, _ = problem.system.linearize(minimum.linearized_at).jacobian(ordering)
+    A, _ = problem.factors().linearize(minimum.linearized_at).jacobian(ordering)
     scale = np.linalg.norm(A, axis=0)
     root = np.linalg.inv(np.linalg.qr(A / scale, mode="r")) / scale[:, None]
     covariance = root @ root.T

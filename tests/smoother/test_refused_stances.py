@@ -57,7 +57,7 @@ def sigma_of_footfall(problem: WalkProblem) -> Floats:
 def test_the_covariances_are_those_of_the_inverse(problem):
     solved, nodes = solve(problem), problem.nodes
     ordering = time_order(nodes)
-    hessian, _ = problem.system.linearize(solved.linearized_at).hessian(ordering)
+    hessian, _ = problem.factors().linearize(solved.linearized_at).hessian(ordering)
     keys = [ordering.at(i) for i in range(ordering.size())]
     size = {"x": 6, "v": 3, "b": 6, "s": 1}
     ends = np.cumsum([0] + [size[chr(key >> 56)] for key in keys])

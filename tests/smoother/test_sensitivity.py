@@ -14,7 +14,7 @@ def test_tree_gives_what_the_dense_matrix_does() -> None:
     walk = part(demo(), 6)
     problem = walk_problem(walk.recording, walk.stances, 0.0, DEFAULT)
     solved, ordering = solve(problem), time_order(problem.nodes)
-    A, _ = problem.system.linearize(solved.linearized_at).jacobian(ordering)
+    A, _ = problem.factors().linearize(solved.linearized_at).jacobian(ordering)
     keys = [ordering.at(i) for i in range(ordering.size())]
     C = np.random.default_rng(0).standard_normal((len(A), 3))
     ends = np.cumsum([dimension_of(key) for key in keys])[:-1]

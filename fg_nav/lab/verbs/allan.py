@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from fg_nav.lab.drawing import AXES, UNITS, plot_allan
 from fg_nav.lab.verbs import AllanRequest
 from fg_nav.report.files import write_json
 from fg_nav.report.plots.style import save
-from fg_nav.report.terminal import console, print_place, ruled_table
+from fg_nav.report.terminal import console, ruled_table
 from fg_nav.text import find_version
 
 ALLAN_FILES = frozenset({"allan.json", "allan.png"})
@@ -83,3 +84,14 @@ def format_part(part: NoisePart, factor: float) -> str:
     value, sigma = part.value * factor, part.sigma * factor
     places = max(0, int(np.ceil(1 - np.log10(max(sigma, 1e-4 * value, 1e-12)))))
     return f"{value:.{places}f} ± {sigma:.{places}f}"
+
+
+def print_place(notes: Sequence[str], place: Path) -> None:
+    """Print the notes, and the places of files and pictures."""
+    out = console()
+    for note in notes:
+        out.print(f"note: {note}", soft_wrap=True)
+    out.print(f"files: {place}", soft_wrap=True)
+    pictures = sorted(path.name for path in place.glob("*.png"))
+    if pictures:
+        out.print(f"pictures: {', '.join(pictures)}", soft_wrap=True)

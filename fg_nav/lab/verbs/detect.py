@@ -30,11 +30,12 @@ from fg_nav.lab.field_survey import (
 )
 from fg_nav.lab.sample_field import SETTINGS
 from fg_nav.lab.verbs import DetectRequest
+from fg_nav.lab.verbs.allan import print_place
 from fg_nav.magnetic.detectors import find_detector
 from fg_nav.pipeline import prepare_walk
 from fg_nav.report.files import collect_remarks, describe_recording, write_json
 from fg_nav.report.plots.style import save
-from fg_nav.report.terminal import console, listing, print_place, ruled_table
+from fg_nav.report.terminal import console, listing, ruled_table
 from fg_nav.walk import Walk, correct_walk, read_walk
 
 PATH_METHOD = "iez"  # Draws the path on which the field is looked at: quick, and good enough for a map.

@@ -1,17 +1,26 @@
-"""Common style of all pictures, and charts (`fg_nav.report.charts`) drawn by matplotlib.
+"""Common style of all pictures, charts (`fg_nav.report.charts`) drawn by matplotlib, and the pictures of a walk.
 
 Quiet axes, a palette for all eyes, one width. The palette of what is no chart is that of Okabe and Ito (Color Universal
 Design, 2008), in an order that keeps neighbours apart also in grey; truth is always the same wide grey line below the
 others. No global state of matplotlib is touched beyond the `styled` block, and no window system is needed.
+
+Pictures of a walk are charts of the page as PNG, from above and over time:
+
+==================== ========================================================
+run                  trajectory, heading, gyro_bias, stance_statistic
+two feet             trajectory
+comparison           trajectories, errors (with a truth), stance_statistic;
+                     per method trajectory, heading, gyro_bias
+==================== ========================================================
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from textwrap import fill
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 import numpy as np
@@ -24,17 +33,29 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator, MultipleLocator, NullLocator
 
 from fg_nav.arrays import Floats
-from fg_nav.report.charts import PICTURE, Chart, Trace
+from fg_nav.report.charts import (
+    PICTURE,
+    Chart,
+    Paths,
+    Trace,
+    align_feet,
+    align_paths,
+    describe_ellipses,
+    draw_course,
+)
+from fg_nav.report.series import draw_errors, draw_gyro_bias, draw_headings, draw_samples
+
+if TYPE_CHECKING:
+    from fg_nav.both_feet import FeetResult
+    from fg_nav.walk import Outcome, Walk
 
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
 CYCLE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)  # Colours of methods or axes, in order.
 
 INK, SOFT_INK, GRID, TRUTH = "#222222", "#6B6B6B", "#E6E6E6", "#9A9A9A"
 TRUTH_LINE: dict[str, Any] = {"color": TRUTH, "linewidth": 3.0, "alpha": 0.7}
-SHADE = "#DCE9F2"  # Background of a stance.
 
 WIDTH_IN, DPI = 8.0, 150
-MAX_POINTS = 60_000  # Of a line: at walking speed ten points a stride over two hours. A PNG is 1200 pixels wide.
 _LINE_LETTERS, _HANDLE_LETTERS = 105, 5  # Letters of a legend over the width of a picture, and width of its signs.
 _CAPTION_LETTERS = 128  # Of a caption over the width of a picture.
 _PIXEL = 0.75  # Points of a pixel of the page, whose lines and dots are as wide on paper.
@@ -261,3 +282,51 @@ def _read_color(words: str) -> Any:
         return words
     red, green, blue, opacity = (float(number) for number in words[5:-1].split(","))
     return red / 255, green / 255, blue / 255, opacity
+
+
+# --- pictures of a walk -----------------------------------------------------------------------------------------------
+
+
+def draw_walk(folder: Path, walk: Walk, outcomes: Mapping[str, Outcome], both: FeetResult | None = None) -> None:
+    """Draw one method, or several over each other and each into its own folder, or the paths of both feet."""
+    if both is not None:
+        draw_paths(folder / "trajectory.png", align_feet(both))
+        return
+    if len(outcomes) > 1:
+        paths = align_paths(outcomes, walk)
+        draw_paths(folder / "trajectories.png", paths)
+        if all(view.comparison is not None for view in paths.views.values()):
+            _write(folder / "errors.png", f"Position error{paths.first.alignment_words}", draw_errors(paths.views))
+    for name, outcome in outcomes.items():
+        paths, place = align_paths({name: outcome}, walk), folder if len(outcomes) == 1 else folder / name
+        draw_paths(place / "trajectory.png", paths)
+        _write(place / "heading.png", f"Heading{paths.first.alignment_words}", draw_headings(paths.views))
+        _write(place / "gyro_bias.png", "Gyroscope bias", draw_gyro_bias(paths.views))
+    # the detection, where the detector left a statistic
+    found = walk.stances
+    if found.statistic is not None:
+        title = f"Stance detection ({found.detector}): {found.n_footfalls} footfalls"
+        _write(folder / "stance_statistic.png", title, *draw_samples(walk.recording, found))
+
+
+def _write(file: Path, title: str, *charts: Chart, caption: str | None = None) -> None:
+    save(render_matplotlib(*charts, title=title, caption=caption), file)
+
+
+def draw_paths(file: Path, paths: Paths) -> None:
+    """Draw paths from above."""
+    caption = f"{paths.frame.words} {describe_ellipses(paths.first)}"
+    _write(file, f"Path{paths.first.alignment_words}", draw_course(paths), caption=caption)
+
+
+def draw_on_screen(paths: Paths, axes: Axes | None = None) -> Axes:
+    """Draw paths from above into these axes, or into a new figure of pyplot, which windows and notebooks show."""
+    from matplotlib import pyplot
+
+    chart = draw_course(paths)
+    with styled():
+        if axes is None:
+            axes = pyplot.figure(figsize=(WIDTH_IN, find_height(chart)), layout="constrained").subplots()
+        draw_panel(axes, chart)
+        head(axes, f"Path{paths.first.alignment_words}")
+    return axes

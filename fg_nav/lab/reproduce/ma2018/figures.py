@@ -68,7 +68,7 @@ def figure_7(pictures: Pictures, loop: Loop) -> Picture:
     """Magnetic less gyro heading of each calibration along the loop."""
     with style.styled():
         figure, [axes] = drawing.new_panels(1, 1, 3.4)
-        axes.axhspan(-5.0, 5.0, color=style.SHADE, zorder=0)
+        axes.axhspan(-5.0, 5.0, color="#DCE9F2", zorder=0)
         for (label, method), colour in zip(_COMPARED.items(), style.CYCLE[1::-1] + style.CYCLE[2:], strict=False):
             axes.plot(np.degrees(loop.heading[method]), ".-", color=colour, linewidth=0.8, markersize=3.0, label=label)
         axes.set(xlabel="footfall", ylabel="heading difference (deg)")

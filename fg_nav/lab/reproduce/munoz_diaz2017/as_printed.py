@@ -1,6 +1,6 @@
 """The filter of Munoz Diaz et al. (2017) with its equations as printed, which does not work, and shows why.
 
-What MD prints that does not work, and what must stand there (`fg_nav.pocket.filter_equations`)
+What MD prints that does not work, and what must stand there (`fg_nav.pocket.filter`)
 ========= ============================================ ============================================================
 MD        printed                                      read
 ========= ============================================ ============================================================
@@ -45,19 +45,23 @@ from fg_nav.ekf.measurements import wrap_angle
 from fg_nav.ekf.update import update_component
 from fg_nav.errors import EstimationError
 from fg_nav.mechanisation import multiply, rotation_vector, transpose
-from fg_nav.pocket.filter import FilterInputs, allocate_track, initialize_state, prepare_inputs, store_state
-from fg_nav.pocket.filter_equations import (
+from fg_nav.pocket.filter import (
     GYRO_BIAS,
     SIZE,
     FieldReference,
+    FilterInputs,
     FilterModel,
     PocketParameters,
     PocketState,
+    allocate_track,
     build_model,
     create_reference,
+    initialize_state,
     predict_state,
+    prepare_inputs,
     set_reference,
     shift_reference_bias,
+    store_state,
     update_field,
     update_gravity,
 )

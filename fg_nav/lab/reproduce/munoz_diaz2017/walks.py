@@ -22,7 +22,7 @@ and specific forces are the same to the last bit. Here attitude and place are th
 
 A street's field jumps where one cylinder's cell ends and the next begins (`fg_nav.lab.simulation.fields.field`). The
 paper takes no difference across such a border (2.2); here there is no field for a while after it, longer than the
-filter's longest difference (`fg_nav.pocket.filter_equations`).
+filter's longest difference (`fg_nav.pocket.filter`).
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.plan import Section, Stand, Walk
 from fg_nav.lab.simulation.sensors import ClockPrior, preset
 from fg_nav.pocket import PocketParameters, estimate_pocket, level_start
-from fg_nav.pocket.filter_equations import compute_earth_rate
+from fg_nav.pocket.filter import compute_earth_rate
 from fg_nav.recording import Recording
 from fg_nav.truth import TrajectoryTruth
 
