@@ -32,24 +32,15 @@ SEAM_S = 1.5  # A stride: the middle of two feet is not that of one, but for a m
 
 @dataclass(frozen=True)
 class FeetSolution:
-    """Two feet of one person as they were solved together, in one frame.
+    """Two feet of one person as they were solved together, in one frame."""
 
-    Attributes
-    ----------
-    right, left : each foot, with the sigmas that it has beside the other.
-    person : the middle of both (`trace_person`).
-    width_m, width_sigma_m : between the sensors, across the way; negative where the right foot's recording is on the
-        left.
-    cells, beyond_reach : how many cells of steps tie the feet, and how many pairs of footfalls are held within reach.
-    """
-
-    right: Solution
+    right: Solution  # each foot with the sigmas that it has beside the other
     left: Solution
-    person: Solution
-    width_m: float
+    person: Solution  # the middle of both (`trace_person`)
+    width_m: float  # between the sensors, across the way; negative where the right foot's recording is on the left
     width_sigma_m: float
-    cells: int
-    beyond_reach: int
+    cells: int  # of steps that tie the feet
+    beyond_reach: int  # pairs of footfalls that are held within reach
 
 
 def trace_person(right: Solution, left: Solution, cell_t: Floats, apart_cov: Floats) -> Solution:

@@ -363,15 +363,12 @@ def describe_ellipses(view: AlignedSolution) -> str:
 
 @dataclass(frozen=True)
 class Ellipses:
-    """E ellipses: `centre` (E, 2) m, `semi` (E, 2) m minor and major, `angle` (E,) rad of the major axis from east.
+    """E ellipses on a map."""
 
-    `zoom` is a factor that makes the largest visible on a map of the path, 1 where it is anyway.
-    """
-
-    centre: Floats
-    semi: Floats
-    angle: Floats
-    zoom: int
+    centre: Floats  # (E, 2) m
+    semi: Floats  # (E, 2) m, minor and major semi-axes
+    angle: Floats  # (E,) rad, of the major axis from east
+    zoom: int  # factor that makes the largest visible on a map of the path, 1 where it is anyway
 
     def outline(self, points: int, factor: float = 1.0) -> Floats:
         """Closed outlines (E, points, 2) m."""
@@ -525,6 +522,13 @@ def _draw_ellipses(found: Ellipses | None, color: str, k: int, n_methods: int) -
     return traces
 
 
+def group_by_verdict(words: np.ndarray[tuple[int], np.dtype[np.object_]]) -> list[tuple[Bools, str, str]]:
+    """Group footfalls (F,) by the verdict on their field: which, with colour and word."""
+    clear, disturbed = words == QUASI_STATIC, words == DISTURBED
+    rest = ~clear & ~disturbed
+    return [(clear, GREEN, "undisturbed"), (disturbed, VERMILION, "disturbed"), (rest, GRAY, "not judged")]
+
+
 def _draw_footfalls(view: AlignedSolution, name: str, color: str, frame: Frame, alone: bool) -> list[Trace]:
     """Footfalls with labels for the pointer; of a single method coloured by the verdict on the field."""
     table = view.solution.stances
@@ -542,17 +546,12 @@ def _draw_footfalls(view: AlignedSolution, name: str, color: str, frame: Frame, 
     labels = [[k, *values] for k, values in enumerate(zip(*figures, field, strict=True))]
     hover = _HOVER.replace("{x}", frame.x).replace("{y}", frame.y).replace("{name}", "" if alone else name)
     # groups
-    verdict = np.array(table.field, dtype=object)[row]
     groups: list[tuple[Bools, str, str]] = [(np.ones(len(row), dtype=bool), color, name)]
     entry: dict[str, Any] = {} if alone else {"legendgroup": name, "showlegend": False}
     if alone:
-        clear, disturbed = verdict == QUASI_STATIC, verdict == DISTURBED
+        *judged, (rest, _, _) = group_by_verdict(np.array(table.field, dtype=object)[row])
         what = "strides" if name == "pocket" else "footfalls"
-        groups = [
-            (~clear & ~disturbed, BLUE, what),
-            (clear, GREEN, f"{what}, field undisturbed"),
-            (disturbed, VERMILION, f"{what}, field disturbed"),
-        ]
+        groups = [(rest, BLUE, what), *((use, shade, f"{what}, field {word}") for use, shade, word in judged)]
     position, size = view.stance_position()[row], 5 if len(row) < 500 else 4
     traces = []
     for use, mark, label in groups:

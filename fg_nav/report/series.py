@@ -15,7 +15,6 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection.stance import Stances
 from fg_nav.frames import compute_heading, wrap_angle
-from fg_nav.magnetic.detectors import DISTURBED, QUASI_STATIC
 from fg_nav.magnetic.footfall_field import FootfallField
 from fg_nav.recording import Recording
 from fg_nav.report.charts import (
@@ -40,6 +39,7 @@ from fg_nav.report.charts import (
     dots,
     draw_path,
     fade,
+    group_by_verdict,
     has_sure_start,
     level,
     line,
@@ -259,23 +259,18 @@ def draw_headings(views: Views) -> Chart:
 # --- of the field at the footfalls -----------------------------------------------------------------------------------
 
 
-def group_by_verdict(field: FootfallField, table: StanceTable) -> list[tuple[Bools, str, str]]:
-    """Footfalls (F,) by the verdict in the table of a solution, with colour and word."""
+def group_field(field: FootfallField, table: StanceTable) -> list[tuple[Bools, str, str]]:
+    """Group the footfalls (F,) of a field by the verdict in the table of a solution, as `group_by_verdict`."""
     nearest = np.clip(np.searchsorted(table.t, field.t - 1e-6), 0, max(len(table) - 1, 0))
     words = np.array(table.field, dtype=object)[nearest] if len(table) else np.full(len(field), "", dtype=object)
-    clear, disturbed = words == QUASI_STATIC, words == DISTURBED
-    return [
-        (clear, GREEN, "undisturbed"),
-        (disturbed, VERMILION, "disturbed"),
-        (~clear & ~disturbed, GRAY, "not judged"),
-    ]
+    return group_by_verdict(words)
 
 
 def _group_drawn(field: FootfallField, table: StanceTable) -> list[tuple[Bools, str, str]]:
     """Groups of the drawn footfalls, without empty ones."""
     drawn = np.zeros(len(field), dtype=bool)
     drawn[spread_rows(len(field.t), MAX_DOTS)] = True
-    groups = group_by_verdict(field, table)
+    groups = group_field(field, table)
     return [(flag & drawn, color, word) for flag, color, word in groups if (flag & drawn).any()]
 
 
@@ -415,11 +410,10 @@ def _draw_weights(table: StanceTable, weight: Floats) -> Chart:
     travelled = measure_travelled(table.t, table)
     panels, statistic = [], table.field_statistic
     if statistic is not None and np.isfinite(statistic).any():
-        words = np.array(table.field, dtype=object)
-        groups = [(words == QUASI_STATIC, GREEN, "passed"), (words == DISTURBED, VERMILION, "disturbed")]
+        passed, disturbed, _ = group_by_verdict(np.array(table.field, dtype=object))
         traces = [
             _along_path(dots, travelled[use], statistic[use], color, f"statistic, {word}")
-            for use, color, word in groups
+            for (use, color, _), word in ((passed, "passed"), (disturbed, "disturbed"))
             if use.any()
         ]
         limit = level(travelled, 1.0, GRAY, "threshold")

@@ -88,16 +88,25 @@ def write_ros(track: ExportTrack, path: Path) -> None:
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
-    stamps = _find_stamps(track, track.t)
-    store = get_typestore(Stores.ROS2_HUMBLE)
+    stamps, store = _find_stamps(track, track.t), get_typestore(Stores.ROS2_HUMBLE)
+    # path: the poses of the footfalls
+    t, places, types = track.footfalls["time_s"].to_numpy(), track.footfalls[POSITION].to_numpy(), store.types
+    rows = np.searchsorted(track.t, t).clip(max=len(track.t) - 1)
+    at, quaternion = _find_stamps(track, t).tolist(), quaternion_xyzw(track.nav_R_body[rows])
+    stamped = types["geometry_msgs/msg/PoseStamped"]
+    poses = [
+        stamped(_make_header(stamp, types), _make_pose(places[k], quaternion[k], types)) for k, stamp in enumerate(at)
+    ]
+    line = types["nav_msgs/msg/Path"](_make_header(at[-1], types), poses)
+    # both topics, into the one file of a bag
     with TemporaryDirectory(dir=path.parent) as folder:
         place = Path(folder) / path.stem
         writer = Writer(place, version=9, storage_plugin=StoragePlugin.MCAP)
         writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         with writer:
             for topic, kind, messages in (
-                (ODOMETRY, "nav_msgs/msg/Odometry", _make_odometry(track, stamps, store.types)),
-                (PATH, "nav_msgs/msg/Path", iter([(int(stamps[-1]), _make_path(track, store.types))])),
+                (ODOMETRY, "nav_msgs/msg/Odometry", _make_odometry(track, stamps, types)),
+                (PATH, "nav_msgs/msg/Path", iter([(int(stamps[-1]), line)])),
             ):
                 connection = writer.add_connection(topic, kind, typestore=store)
                 for stamp, message in messages:
@@ -140,18 +149,6 @@ def _make_odometry(track: ExportTrack, stamps: Ints, types: Any) -> Iterator[tup
                 types["geometry_msgs/msg/TwistWithCovariance"](twist, unknown),
             ),
         )
-
-
-def _make_path(track: ExportTrack, types: Any) -> Any:
-    t, places = track.footfalls["time_s"].to_numpy(), track.footfalls[POSITION].to_numpy()
-    rows = np.searchsorted(track.t, t).clip(max=len(track.t) - 1)
-    stamps, quaternion = _find_stamps(track, t).tolist(), quaternion_xyzw(track.nav_R_body[rows])
-    stamped = types["geometry_msgs/msg/PoseStamped"]
-    poses = [
-        stamped(_make_header(stamp, types), _make_pose(places[k], quaternion[k], types))
-        for k, stamp in enumerate(stamps)
-    ]
-    return types["nav_msgs/msg/Path"](_make_header(stamps[-1], types), poses)
 
 
 def _make_header(stamp_ns: int, types: Any) -> Any:

@@ -21,13 +21,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fg_nav.arrays import interpolate_columns
+from fg_nav.evaluation.comparison import Comparison
 from fg_nav.report import REPORT
 from fg_nav.report.charts import (
     GRAY,
     MAX_POINTS,
     TEAL,
     VERMILION,
-    AlignedSolution,
     Chart,
     Panel,
     align_feet,
@@ -54,7 +54,7 @@ from fg_nav.report.series import (
     draw_samples,
     draw_sigmas,
     draw_strength,
-    group_by_verdict,
+    group_field,
 )
 from fg_nav.report.terminal import FIGURES, Cell, collect_notes, tabulate_figures
 from fg_nav.samples.gaps import find_unrecorded
@@ -68,18 +68,7 @@ if TYPE_CHECKING:
 PLOTLY = "plotly-basic-4.1.1.min.js"
 _HERE = Path(__file__).parent
 
-_KINDS = {
-    "imu": "inertial",
-    "zero_velocity": "zero velocity",
-    "magnetic_heading": "magnetic heading",
-    "differential_field": "differential field",
-    "field_potential": "field potential",
-    "same_place": "same place",
-    "known_place": "known place",
-    "direction": "direction of the building",
-    "position_fix": "position fix",
-    "own": "your own",
-}
+_KINDS = {"imu": "inertial", "direction": "direction of the building", "own": "your own"}  # Others as they are named.
 
 
 @dataclass(frozen=True)
@@ -211,7 +200,7 @@ def _draw_sections(
     # errors, each path by its own alignment
     aligned = {name: align_solution(walks.get(name), outcome) for name, outcome in outcomes.items()} | people
     compared = {name: view for name, view in aligned.items() if view.comparison is not None}
-    words = [describe_alignment(view) for view in compared.values()]
+    words = [describe_alignment(view.comparison) for view in compared.values() if view.comparison is not None]
     if len(compared) > 1:
         words = [f"{name}: {one}" for name, one in zip(compared, words, strict=True)]
     if not compared:
@@ -237,7 +226,7 @@ def _draw_sections(
         headings.append(draw_compass(field, table))
         turned = np.rad2deg(field.mean_heading_difference)
         words = [f"The compass shows {turned:+.1f}° more than the gyroscope on the mean."]
-        clear, disturbed, _ = (int(flag.sum()) for flag, _, _ in group_by_verdict(field, table))
+        clear, disturbed, _ = (int(flag.sum()) for flag, _, _ in group_field(field, table))
         counts = f"At {clear} of {len(field)} footfalls the field is undisturbed, at {disturbed} disturbed."
         strengths = [draw_strength(field, table)]
     heading = Section("heading", "Heading, and compass against gyroscope", words, headings)
@@ -252,11 +241,9 @@ def _draw_sections(
     return [path, graph, height, sigma, _draw_stances(walk), bias, heading, strength, returns, errors]
 
 
-def describe_alignment(view: AlignedSolution) -> str:
+def describe_alignment(comparison: Comparison) -> str:
     """Alignment of a path with its truth, in words and figures."""
-    if view.comparison is None:
-        return ""
-    found = view.comparison.alignment
+    found = comparison.alignment
     if found.mode == "none":
         return "The path was not aligned with the truth."
     words = {
@@ -267,7 +254,7 @@ def describe_alignment(view: AlignedSolution) -> str:
     turn_deg = -np.rad2deg(np.arctan2(found.truth_R_nav[1, 0], found.truth_R_nav[0, 0]))
     side = "clockwise" if turn_deg > 0 else "counterclockwise"
     turned = "" if found.mode == "origin" else f", by {abs(turn_deg):.2f}° {side}"
-    return f"The path was {words}{turned}. {len(view.comparison.t)} points are compared."
+    return f"The path was {words}{turned}. {len(comparison.t)} points are compared."
 
 
 def describe_graph(solutions: Mapping[str, Solution]) -> list[str]:
@@ -275,8 +262,8 @@ def describe_graph(solutions: Mapping[str, Solution]) -> list[str]:
     words = []
     for name, one in solutions.items():
         if one.graph:
-            counts = {kind: count for kind, count in one.graph.items() if kind in _KINDS}
-            kinds = ", ".join(f"{_KINDS[kind]} {count}" for kind, count in counts.items())
+            counts = {kind: count for kind, count in one.graph.items() if kind != "gated_out"}
+            kinds = ", ".join(f"{_KINDS.get(kind, kind.replace('_', ' '))} {count}" for kind, count in counts.items())
             left_out = one.graph.get("gated_out", 0)
             gated = f" The gate left out the compass of {format_count(left_out, 'footfall')}." if left_out else ""
             words.append(f"Factors of {name} by kind: {kinds}; {sum(counts.values())} in all.{gated}")

@@ -1,10 +1,7 @@
 """Common style of all pictures, charts (`fg_nav.report.charts`) drawn by matplotlib, and the pictures of a walk.
 
-Quiet axes, a palette for all eyes, one width. The palette of what is no chart is that of Okabe and Ito (Color Universal
-Design, 2008), in an order that keeps neighbours apart also in grey; truth is always the same wide grey line below the
-others. No global state of matplotlib is touched beyond the `styled` block, and no window system is needed.
-
-Pictures of a walk are charts of the page as PNG (docs/files.md).
+Quiet axes, one width. No global state of matplotlib is touched beyond the `styled` block, and no window system is
+needed. Pictures of a walk are charts of the page as PNG (docs/files.md).
 """
 
 from __future__ import annotations
@@ -42,12 +39,7 @@ if TYPE_CHECKING:
     from fg_nav.both_feet import FeetResult
     from fg_nav.walk import Outcome, Walk
 
-BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
-CYCLE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)  # Colours of methods or axes, in order.
-
-INK, SOFT_INK, GRID, TRUTH = "#222222", "#6B6B6B", "#E6E6E6", "#9A9A9A"
-TRUTH_LINE: dict[str, Any] = {"color": TRUTH, "linewidth": 3.0, "alpha": 0.7}
-
+INK, SOFT_INK, GRID = "#222222", "#6B6B6B", "#E6E6E6"
 WIDTH_IN, DPI = 8.0, 150
 _LINE_LETTERS, _HANDLE_LETTERS = 105, 5  # Letters of a legend over the width of a picture, and width of its signs.
 _CAPTION_LETTERS = 128  # Of a caption over the width of a picture.
@@ -87,11 +79,6 @@ _RC: dict[Any, Any] = {
     "path.simplify_threshold": 0.3,
     "agg.path.chunksize": 20000,
 }
-
-
-def colours(count: int) -> list[str]:
-    """Return one colour a method; after six they begin again."""
-    return [CYCLE[i % len(CYCLE)] for i in range(count)]
 
 
 @contextmanager
