@@ -114,6 +114,7 @@ class FeetResult(Solution):
         """
         side = next(iter(feet))
         first, usable, doubts = feet[side], feet, pairing.doubts
+        # the person's path, and what is doubtful in it
         if solved is not None:
             person = solved.person
             pairing = replace(
@@ -131,6 +132,7 @@ class FeetResult(Solution):
             person, method=first.method, parameters=first.parameters, notes=(*doubts, *notes),
             runtime_s=max(foot.runtime_s for foot in feet.values()),
         ).widen(max(foot.walk.recording.provenance.rate_sigma for foot in feet.values()))  # fmt: skip
+        # errors, where the truths can be used
         metrics, truth, comparison = evaluate(solution), None, None
         try:
             truth = _find_truth(usable)

@@ -146,9 +146,7 @@ def line(x: Floats, y: Floats, color: str, name: str, digits: Digits = IN_TIME, 
 
 def signal(t: Floats, value: Floats, color: str, name: str, **more: Any) -> Trace:
     """Return the line of a signal over time; of a long one its envelope."""
-    if len(t) > MAX_POINTS:
-        t, value = envelope(t, value, MAX_POINTS // 2)
-    return line(t, value, color, name, **more)
+    return line(*envelope(t, value, MAX_POINTS // 2), color, name, **more)
 
 
 def dots(x: Floats, y: Floats, color: str, name: str, digits: Digits = IN_TIME, **more: Any) -> Trace:
@@ -158,18 +156,18 @@ def dots(x: Floats, y: Floats, color: str, name: str, digits: Digits = IN_TIME, 
     return {"type": "scatter", "mode": "markers", **points, "marker": mark, "name": name, **more}
 
 
-def band(t: Floats, middle: Floats, half: Floats, color: str, name: str, **more: Any) -> Trace:
+def band(t: Floats, middle: Floats, half: Floats, color: str, name: str) -> Trace:
     """Return the area within `half` (N,) of `middle` (N,), thinned."""
     known = np.flatnonzero(np.isfinite(middle) & np.isfinite(half))
     row = known[spread_rows(len(known), MAX_POINTS // 2)]
     t, low, high = t[row], (middle - half)[row], (middle + half)[row]
     around = np.concatenate([t, t[::-1]]), np.concatenate([low, high[::-1]])
-    return line(*around, color, name, width=0, fill="toself", fillcolor=fade(color, 0.2), hoverinfo="skip", **more)
+    return line(*around, color, name, width=0, fill="toself", fillcolor=fade(color, 0.2), hoverinfo="skip")
 
 
-def level(t: Floats, value: float, color: str, name: str, **more: Any) -> Trace:
+def level(t: Floats, value: float, color: str, name: str) -> Trace:
     """Return a horizontal line over the whole time."""
-    return line(t[[0, -1]], np.array([value, value]), color, name, width=1.2, hoverinfo="skip", **more)
+    return line(t[[0, -1]], np.array([value, value]), color, name, width=1.2, hoverinfo="skip")
 
 
 def fade(color: str, opacity: float) -> str:
@@ -384,7 +382,7 @@ def find_extent(points: Floats) -> float:
     return float(np.max(np.ptp(points[:, :2], axis=0)))
 
 
-def find_ellipses(view: AlignedSolution, at_most: int = MAX_ELLIPSES) -> Ellipses | None:
+def find_ellipses(view: AlignedSolution) -> Ellipses | None:
     """Ellipses of footfalls evenly spread along the path, fewer where they are huge; None without a covariance."""
     position = view.stance_position()
     # covariance without the turn that an alignment removes
@@ -396,7 +394,7 @@ def find_ellipses(view: AlignedSolution, at_most: int = MAX_ELLIPSES) -> Ellipse
         return None
     extent_m = find_extent(centre)
     largest_m = ELLIPSE_RADIUS * float(np.sqrt(np.max(np.linalg.eigvalsh(cov[claimed]))))
-    fitting = int(np.clip(4 * extent_m / max(largest_m, 1e-9), 6, at_most))
+    fitting = int(np.clip(4 * extent_m / max(largest_m, 1e-9), 6, MAX_ELLIPSES))
     row = claimed[spread_rows(len(claimed), fitting)]
     variance, direction = np.linalg.eigh(cov[row])
     semi = ELLIPSE_RADIUS * np.sqrt(np.maximum(variance, 0.0))

@@ -226,6 +226,7 @@ def draw_headings(views: Views) -> Chart:
     below: list[Trace] = []
     traced = {name: trace_headings(view) for name, view in views.items()}
     for name, color, view in _colored(views):
+        # above: the truth once, the samples of a single method, and the footfalls
         found, t, at = traced[name], view.solution.t, view.solution.stances.t
         mark: dict[str, Any] = {"mode": "lines+markers" if len(at) <= _FEW else "lines", "marker": {"size": 4}}
         lines: list[tuple[Floats, Floats, str, str, dict[str, Any]]] = []
@@ -243,6 +244,7 @@ def draw_headings(views: Views) -> Chart:
                     jump = np.flatnonzero(np.abs(np.diff(y)) > 180.0) + 1
                     x, y = np.insert(x, jump, x[jump]), np.insert(y, jump, np.nan)
                 above.append(line(x, y, shade, label, (3, 2), **more))
+        # below: the claimed band, and the error where it is known
         half = BAND * np.rad2deg(found.sigma)
         below.append(band(at, np.zeros(len(at)), half, color, _label(name, "95 %", views)))
         if np.isfinite(found.error).any():
