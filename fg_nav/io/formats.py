@@ -1,8 +1,7 @@
 """The formats a recording may have, and the one way in: `read`.
 
-A format is recognized from the content of the file, never from its name. A folder or an archive is tried first as a
-recording as a whole; else it is searched for the one that it holds. Of a file that is no recording a sentence says what
-it is or lacks, and what to type next.
+A folder or an archive is tried first as a recording as a whole; else it is searched for the one that it holds. Of a
+file that is no recording a sentence says what it is or lacks, and what to type next.
 """
 
 from __future__ import annotations
@@ -65,10 +64,9 @@ def read_canonical(content: Content) -> RawRecording:
 class Format:
     """A file format: how it is recognized and how it is read.
 
-    `recognizes` returns something true for a content of the format. `read` raises `FormatError` if a sensor or a column
-    is missing or doubled, a unit is not known, a field is no number, the file is damaged, or it is not said which of
-    several sensors to take. `kinds` are those of content that it may have, `options` what the user may have to say: the
-    rate, or a sensor.
+    `recognizes` returns something true for a content of the format. `read` raises `FormatError` if the content is
+    incomplete, damaged or leaves a choice. `kinds` are those of content that it may have, `options` what the user may
+    have to say: the rate, or a sensor.
     """
 
     name: str

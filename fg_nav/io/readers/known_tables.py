@@ -2,15 +2,15 @@
 
 SensorConnect (LORD/MicroStrain) names channels behind the sensor, `inertial-6253.76535:scaledAccelX`; those of a
 filter in the sensor have `:valid` behind them; rows of other packets, without acc and gyr, are left out. OpenShoe has
-17 columns by blanks without a header. In YEI's log a comment names the columns; `Corrected` goes before `Raw`. That of
-VectorNav, as INSTINCT converts it, is a table as any. APDM exports all Opals of a session: *format 7* has three header
-rows, `Format=7,5718,,,Lumbar,...` with number and name of each sensor above its columns, `Time,Accelerometer,,,...` and
-the axes; the other has keys, then `Time,Lumbar/Acceleration/X,...`, then a row of units. Consensys of Shimmer has a row
-of names, `Shimmer_40AC_Accel_LN_X_CAL`, and one of units, perhaps below `"sep=;"`; `LN` is of low noise and in the
-gyroscope's frame, `WR` of wide range and another chip.
+17 columns by blanks without a header. YEI's log names the columns in a comment; `Corrected` goes before `Raw`. APDM
+exports all Opals of a session: *format 7* has three header rows, `Format=7,5718,,,Lumbar,...` with number and name of
+each sensor above its columns, `Time,Accelerometer,,,...` and the axes; the other has keys, then
+`Time,Lumbar/Acceleration/X,...`, then a row of units. Consensys of Shimmer has a row of names,
+`Shimmer_40AC_Accel_LN_X_CAL`, and one of units, perhaps below `"sep=;"`; `LN` is of low noise and in the gyroscope's
+frame, `WR` of wide range and another chip.
 
-Some magnetometers are in units of the local field. A path uses the direction and its changes along the walk, not the
-strength: one unit is taken for the field of most of Europe and North America.
+In units of the local field one is taken for that of most of Europe and North America: a path uses the direction and its
+changes, not the strength.
 """
 
 from __future__ import annotations
