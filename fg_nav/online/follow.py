@@ -61,21 +61,8 @@ from fg_nav.online.sources import SampleSource
 from fg_nav.samples.delivery import LossCounter, Silence, describe_losses
 from fg_nav.samples.readings import COLUMNS
 from fg_nav.text import find_version
-from fg_nav.verdict.limits import (
-    Reason,
-    Verdict,
-    combine,
-    find_height_rate,
-    judge_axes,
-    judge_beginning,
-    judge_gravity,
-    judge_height_rate,
-    judge_position,
-    judge_rate,
-    judge_speed,
-    judge_stride,
-    judge_unfollowed,
-)
+from fg_nav.verdict import limits
+from fg_nav.verdict.limits import Reason, Verdict
 from fg_nav.view.outlets import Outlets, Say, StatusReporter
 
 WAIT_S = 0.05  # for rows of one sensor, before the other's are read, and the stop signal is checked
@@ -473,7 +460,7 @@ class LineVerdict:
                 judged.append((one, None))
             else:
                 self._measure(np.append(one.t, one.position), continues[one.number])
-                judged.append((one, combine(self._list_reasons(one.pose_cov[:2, :2]))))
+                judged.append((one, limits.combine(self._list_reasons(one.pose_cov[:2, :2]))))
         return judged
 
     def _measure(self, now: Floats, continues: bool) -> None:
@@ -493,24 +480,28 @@ class LineVerdict:
         self._fast = fast[np.argsort(-fast[:, 0], kind="stable")][:N_FASTEST]
         height = self._heights[-1, 1] + float(now[3] - before[3])
         self._heights = np.vstack([self._heights, [now[0], height]])[-MAX_HEIGHTS:]
-        self._steepest = max(self._steepest, find_height_rate(*self._heights.T))
+        self._steepest = max(self._steepest, limits.find_height_rate(*self._heights.T))
 
     def _list_reasons(self, covariance: Floats) -> list[Reason]:
         assert self._begun is not None
         axes, way, sigma = self.axes.evidence, self._distance, float(np.sqrt(np.trace(covariance)))
-        found = [judge_position(covariance, way, self._in_pocket), judge_axes(axes), judge_rate(self._rate_sigma)]
+        found = [
+            limits.judge_position(covariance, way, self._in_pocket),
+            limits.judge_axes(axes),
+            limits.judge_rate(self._rate_sigma),
+        ]
         if len(self._fast):
             speed, took, end = map(float, self._fast[0])
-            found.append(judge_speed(speed, end))
+            found.append(limits.judge_speed(speed, end))
             if len(self._fast) == N_FASTEST:
-                found.append(judge_stride(speed * took, took, end, float(self._fast[-1, 0]), sigma, way))
+                found.append(limits.judge_stride(speed * took, took, end, float(self._fast[-1, 0]), sigma, way))
         if self._in_pocket:
             return found
-        found.append(judge_height_rate(*self._steepest))
-        found.append(judge_beginning(self._strides, axes.strides))
+        found.append(limits.judge_height_rate(*self._steepest))
+        found.append(limits.judge_beginning(self._strides, axes.strides))
         usual = way / max(float(self._last[0]) - self._begun, 1e-9) if self._strides else 0.0
         words = f"{self._lost_s:.1f} s of motion without a footfall"
-        found.append(judge_unfollowed(self._lost_s, usual, sigma, way, words))
+        found.append(limits.judge_unfollowed(self._lost_s, usual, sigma, way, words))
         if axes.strides >= MIN_STRIDES:
-            found.append(judge_gravity(float(np.median(axes.gravity)), self._reach, sigma, way))
+            found.append(limits.judge_gravity(float(np.median(axes.gravity)), self._reach, sigma, way))
         return found

@@ -186,7 +186,7 @@ def test_marginals_are_those_of_the_information_matrix() -> None:
     values = values_of(poses)
     node = np.arange(len(poses))
     directions = tie_courses(positions(values, len(poses)), node)
-    blocks = directions.courses, directions.priors, constrain_heights(node, floor, LEVEL_SIGMA_M)
+    blocks = *directions.blocks, constrain_heights(node, floor, LEVEL_SIGMA_M)
     for k in range(2):
         values.insert(Z(k), np.zeros(1))
     values.insert(A(0), np.array([0.1]))
