@@ -23,6 +23,7 @@ from typing import Literal
 
 import numpy as np
 
+from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
 
 Quantity = Literal["time", "acc", "gyr", "mag", "pressure"]
@@ -81,6 +82,15 @@ def find_factor(quantity: Quantity, word: str) -> float | None:
         return unit
     scale = float(counted[1]) / float(counted[2] or 1.0) if float(counted[2] or 1.0) else 0.0
     return unit * scale if 0.0 < scale < np.inf else None
+
+
+def find_scale(quantity: Quantity, unit: str, name: str, source: str) -> float:
+    """Return the factor from the unit of the column `name`, as `find_factor`; raises `FormatError` if it is unknown."""
+    factor = find_factor(quantity, unit)
+    if factor is None:
+        known = f"write one of {KNOWN_UNITS[quantity]}"
+        raise FormatError(f"{source}: column '{name}' has the unit '{unit}', which is not known: {known}.")
+    return factor
 
 
 def find_quantity(word: str) -> Quantity | None:

@@ -116,26 +116,15 @@ def list_formats() -> dict[str, Format]:
 
 @dataclass(frozen=True)
 class Reading:
-    """How a file is to be read, where its content does not say.
+    """How a file is to be read, where its content does not say."""
 
-    Attributes
-    ----------
-    format : a name of `list_formats` to read it as; without one the format is recognized from the content.
-    columns : of a table, which are what: `time=ts[ms],acc=ax:ay:az[g],gyr=gx:gy:gz[deg/s]` (`fg_nav.columns.mapping`).
-    rate_hz : the rate of a file that has neither a clock nor a rate.
-    rate_sigma : of that rate, a share of it.
-    sensor : which of several sensors in the file.
-    longest_gap_s : a recording is cut at a longer one.
-    barometer : file with the pressure of the air, of a barometer with a file of its own.
-    """
-
-    format: str | None = None
-    columns: str | Columns | None = None
-    rate_hz: float | None = None
-    sensor: str | None = None
-    longest_gap_s: float = MAX_BRIDGED_S
-    rate_sigma: float = NOMINAL_SIGMA
-    barometer: Path | str | None = None
+    format: str | None = None  #: A name of `list_formats` to read it as; without one it is recognized from the content.
+    columns: str | Columns | None = None  #: Of a table: `acc=ax:ay:az[g],...` (`fg_nav.columns.mapping`).
+    rate_hz: float | None = None  #: The rate of a file that has neither a clock nor a rate.
+    sensor: str | None = None  #: Which of several sensors in the file.
+    longest_gap_s: float = MAX_BRIDGED_S  #: A recording is cut at a longer one.
+    rate_sigma: float = NOMINAL_SIGMA  #: Of the rate that is given, a share of it.
+    barometer: Path | str | None = None  #: File with the pressure of the air, of a barometer with a file of its own.
 
     def read(self, path: Path | str) -> Recording:
         """Read a recording, as `fg_nav.io.read`."""

@@ -69,22 +69,14 @@ Arrays: TypeAlias = Mapping[str, np.ndarray[Any, Any]]
 
 @dataclass(frozen=True)
 class TextTable:
-    r"""A table of text.
-
-    Attributes
-    ----------
-    names : (C,) of all columns; numbers from 1 where it has no header.
-    first_line : of the data, from 1.
-    separator : one character, or the regular expression `\s+`.
-    comment : begins one, up to the end of its line.
-    """
+    """A table of text."""
 
     content: Content
-    names: Sequence[str]
-    first_line: int = 2
-    separator: str = ","
+    names: Sequence[str]  # (C,) of all columns; numbers from 1 where it has no header
+    first_line: int = 2  # of the data, from 1
+    separator: str = ","  # one character, or the regular expression of blanks
     decimal: str = "."
-    comment: str | None = None
+    comment: str | None = None  # what begins one, up to the end of its line
     has_header: bool = True
 
     def __contains__(self, name: object) -> bool:

@@ -94,22 +94,13 @@ MAX_STARTS = 20  # Stretches that a clique is grown from.
 
 @dataclass(frozen=True)
 class Stretch:
-    """A stretch that was recognized as an earlier one.
+    """A stretch that was recognized as an earlier one."""
 
-    Attributes
-    ----------
-    later, earlier : (M,) points of the signature that are one place, in the order of the later walk. `earlier` may lie
-        between two points.
-    opposite : whether it was walked in the opposite direction.
-    score : log likelihood ratio of one place over two, of the model, nats.
-    expected_false : false recognitions as good as this one that are expected in the whole walk.
-    """
-
-    later: Floats
-    earlier: Floats
-    opposite: bool
-    score: float
-    expected_false: float
+    later: Floats  #: (M,) points of the signature, of which each is one place with that of `earlier`.
+    earlier: Floats  #: (M,) in the order of the later walk; they may lie between two points.
+    opposite: bool  #: Whether it was walked in the opposite direction.
+    score: float  #: Log likelihood ratio of one place over two, of the model, nats.
+    expected_false: float  #: False recognitions as good as this one that are expected in the whole walk.
 
     @property
     def length_m(self) -> float:
@@ -134,13 +125,7 @@ NOTHING = Recognition((), measure_chance(np.zeros(0), 0.0, 0.0), 0.0)  # Of a pa
 
 
 def recognize(path: Signature, uncertainty: Uncertainty = Drift()) -> Recognition:
-    """Find the stretches of a path that were walked before.
-
-    Parameters
-    ----------
-    path : the field along it.
-    uncertainty : of one place of the path relative to another.
-    """
+    """Find the stretches of a path that were walked before; `uncertainty` is of a place relative to another."""
     if len(path) < MIN_POINTS:
         return NOTHING
     pairs = find_candidates(path, uncertainty)

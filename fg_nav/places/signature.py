@@ -81,24 +81,14 @@ TURNED = np.array([-1.0, -1.0, 1.0])  # Signs of along, left, up there.
 
 @dataclass(frozen=True)
 class Signature:
-    """The field along a path, at K points that are `SPACING_M` apart.
+    """The field along a path, at K points that are `SPACING_M` apart."""
 
-    Attributes
-    ----------
-    distance_m : (K,) walked so far.
-    t : (K,) s, when the middle of the piece was passed.
-    position : (K, 3) m in nav.
-    heading : (K,) rad, counterclockwise from east: the direction of walking.
-    field : (K, 3) uT along the walking direction, to its left, and up.
-    seen : (K,) whether the magnetometer read there.
-    """
-
-    distance_m: Floats
-    t: Floats
-    position: Floats
-    heading: Floats
-    field: Floats
-    seen: Bools
+    distance_m: Floats  #: (K,) walked so far.
+    t: Floats  #: (K,) s, when the middle of the piece was passed.
+    position: Floats  #: (K, 3) m in nav.
+    heading: Floats  #: (K,) rad, counterclockwise from east: the direction of walking.
+    field: Floats  #: (K, 3) uT along the walking direction, to its left, and up.
+    seen: Bools  #: (K,) whether the magnetometer read there.
 
     def __len__(self) -> int:
         return len(self.t)
@@ -107,12 +97,8 @@ class Signature:
 def trace_signature(t: Floats, position: Floats, nav_R_body: Floats, mag: Floats) -> Signature:
     """Return the field and pose along a path, averaged over equal distances.
 
-    Parameters
-    ----------
-    t : (N,) s, rising.
-    position : (N, 3) m in nav, of the sensor at each sample.
-    nav_R_body : (N, 3, 3) its attitude.
-    mag : (N, 3) uT, calibrated body field; NaN rows where there is no reading.
+    `t` (N,) s, rising; `position` (N, 3) m in nav; `nav_R_body` (N, 3, 3); `mag` (N, 3) uT, calibrated body field, NaN
+    rows where there is no reading.
     """
     read = np.asarray(np.isfinite(mag).all(axis=1))
     # distance over ground

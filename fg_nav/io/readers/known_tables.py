@@ -19,13 +19,12 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.columns.headers import GAUSS_UT, KNOWN_UNITS, Quantity, find_factor, read_header
+from fg_nav.columns.headers import GAUSS_UT, find_factor, find_scale, read_header
 from fg_nav.columns.samples import SI_UNITS
 from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
@@ -38,7 +37,7 @@ from fg_nav.recording import Provenance, RawRecording
 from fg_nav.samples.plausibility import is_field_on_earth, measure_field_strength
 from fg_nav.truth import FootprintTruth
 
-LOCAL_FIELD = np.nan  # As a unit: that of the local field.
+LOCAL_FIELD = np.nan  # As a unit: that of the local field, as arbitrary ones are.
 _LOCAL_FIELD_UT = 48.0  # One unit of the local field: 25 to 65 uT on Earth, 48 in most of Europe and North America.
 
 
@@ -96,20 +95,6 @@ def pack_samples(
             remarks.append(f"{said}, of which it is none: left out")
     mag = None if mag is None else drop_held(mag, gyr)
     return RawRecording(t, samples["acc"], gyr, row, mag, truth, Provenance(content.path, format, tuple(remarks)))
-
-
-def find_scale(quantity: Quantity, unit: str, name: str, path: Path) -> float:
-    """Return the factor of a unit to SI or uT; of a magnetometer's arbitrary ones NaN, as `LOCAL_FIELD`.
-
-    Raises `FormatError` if it is not known.
-    """
-    factor = find_factor(quantity, unit)
-    if factor is None or (np.isnan(factor) and quantity != "mag"):
-        raise FormatError(
-            f"{path.name}: column '{name}' has the unit '{unit}', which is not known here: convert it to one of "
-            f"{KNOWN_UNITS[quantity]}."
-        )
-    return factor
 
 
 # LORD/MicroStrain SensorConnect: raw channels before those a filter has touched
@@ -304,10 +289,10 @@ def read_apdm(content: Content) -> RawRecording:
         group = f"{sensor}/{groups[sensor].get(what, NAMES[what])}".lstrip("/")
         names = [f"{group}/{axis}" for axis in "XYZ"]
         places = [find_column(name, table.names, path) for name in names]
-        scales = [find_scale(what, units[k] or SI_UNITS[what], table.names[k], path) for k in places]
+        scales = [find_scale(what, units[k] or SI_UNITS[what], table.names[k], path.name) for k in places]
         sensors[what] = Axes(names, np.array(scales))
     clock, samples, row = read_sensors(table, [table.names[0]], sensors)
-    t = scale_values(clock[:, 0], find_scale("time", units[0] or "s", "Time", path))
+    t = scale_values(clock[:, 0], find_scale("time", units[0] or "s", "Time", path.name))
     return pack_samples(content, "apdm", t, samples, sensors, row, [f"the sensor is '{sensor}'"])
 
 
@@ -354,7 +339,7 @@ def read_shimmer(content: Content) -> RawRecording:
         said = {units[k] for k in (find_column(name, table.names, path) for name in axes.names) if k < len(units)}
         if len(said) != 1:
             raise FormatError(f"{path.name}: '{axes.names[0]}' has no one unit for its axes below it: export it again.")
-        sensors[what] = axes._replace(unit=find_scale(what, said.pop(), axes.names[0], path))
+        sensors[what] = axes._replace(unit=find_scale(what, said.pop(), axes.names[0], path.name))
     # the clock of the device, or of the session where it has none of its own; numbers before text
     clocks = [(match.string, match["clock_device"], match["clock"]) for match in matches if match["clock"]]
     own = [one for one in clocks if one[1] == device] or clocks

@@ -33,7 +33,7 @@ from itertools import pairwise
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.columns.headers import Quantity, find_factor, find_quantity
+from fg_nav.columns.headers import Quantity, find_factor, find_quantity, find_scale
 from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io.content import Content, split_fields, split_lines
@@ -264,11 +264,10 @@ def _read_phyphox_table(file: Content) -> Iterator[Stream]:
     for sensor, columns in found.items():
         if sorted(columns) in (["x", "y", "z"], [""]):
             own, clock = [columns[axis] for axis in sorted(columns)], _TIME.fullmatch(table.names[0])
-            factors = [find_factor("time", clock[1] if clock else "s"), *(find_factor(sensor, unit) for _, unit in own)]
-            if None in factors:
-                raise FormatError(f"{file.path.name} has a unit that is not known in '{own[0][0]}': export it again.")
+            factors = [find_scale("time", clock[1] if clock else "s", table.names[0], file.path.name)]
+            factors += [find_scale(sensor, unit, name, file.path.name) for name, unit in own]
             values, row = table.read_columns([table.names[0], *(name for name, _ in own)])
-            values = scale_values(values, np.array(factors, dtype=np.float64))
+            values = scale_values(values, np.array(factors))
             yield Stream(sensor, values[:, 0], values[:, 1:], row, file.path.name)
 
 
