@@ -207,9 +207,7 @@ def _forward(
     """Filter from sample `first` on and write `track`; with `taping` the tape too. `state`, `P` change in place."""
     h, acc, gyr, acc_sigma, gyr_sigma = samples
     x, turn, delta_v = np.zeros(SIZE), np.empty((3, 3)), np.empty(3)
-    k, stood, directions, last, step = 0, 0, np.empty(len(rows)), np.empty(3), np.empty(3)
-    for axis in range(3):
-        last[axis] = state.position[axis]
+    k, stood, directions, last = 0, 0, np.empty(len(rows)), state.position.copy()
     for i in range(first, len(h)):
         # in stance: update by the known velocity
         if stands[i]:
@@ -221,9 +219,7 @@ def _forward(
         if at_footfall:
             heading = compute_heading(state.nav_R_body)
             propagate_considered(considered, state)
-            for axis in range(3):
-                step[axis] = state.position[axis] - last[axis]
-            direction = compute_direction(state.nav_R_body, step, pseudo.course_by_path)
+            direction = compute_direction(state.nav_R_body, state.position - last, pseudo.course_by_path)
             innovation, traces = track.innovation[k], tape.footfall[k]
             update_at_footfall(state.nav_R_body, P, x, k, direction, directions, pseudo, considered, innovation, traces)
             inject_error(state, x)
@@ -234,11 +230,8 @@ def _forward(
                 tape.bias[i, axis], tape.bias[i, 3 + axis] = state.gyro_bias[axis], state.acc_bias[axis]
         if at_footfall:
             directions[k] = direction + compute_heading(state.nav_R_body) - heading
-            for axis in range(3):
-                last[axis], track.gyro_bias[k, axis] = state.position[axis], state.gyro_bias[axis]
-            for row in range(SIZE):
-                for column in range(SIZE):
-                    track.covariance[k, row, column] = P[row, column] + considered[row] * considered[column]
+            last[:], track.gyro_bias[k] = state.position, state.gyro_bias
+            track.covariance[k] = P + np.outer(considered, considered)
             k += 1
         # propagate over the period of the sample
         strapdown(state, acc[i], gyr[i], h[i], gravity, turn, delta_v)
