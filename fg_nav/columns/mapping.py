@@ -225,18 +225,16 @@ _AXES = (("x", "y", "z"), ("0", "1", "2"), ("1", "2", "3"))
 
 _ROS_RATE = re.compile(r"angular[\W_]*velocity", re.IGNORECASE)  # Beside it, linear acceleration has gravity: ROS.
 
-_CLOCKS = (
+_CLOCKS = (  # Words of clocks, the best first: a message's own stamp, the sensor's; others; what came late.
     {"header"}, {"sensor", "device", "chip", "imu"}, set[str](),
     {"phone", "host", "pc", "system", "log", "logging", "received", "arrival", "recorder", "server"},
     {"gps", "gnss", "tow", "itow"}, {"date", "datum", "fecha"},
 )  # fmt: skip
-"""Words of clocks, the best first: a message's own stamp, the sensor's; others; what came late."""
 
-_NO_PRESSURE = frozenset({
+_NO_PRESSURE = frozenset({  # Words of what a barometer has besides, and of pressures of something else than air.
     *("altitude", "alt", "height", "relative", "sea", "temp", "temperature", "foot", "heel", "toe", "insole", "sole"),
     *("time", "covariance", "variance", "var", "sigma", "std", "accuracy", "status", "valid", "delta", "tyre", "tire"),
 })  # fmt: skip
-"""Words of what a barometer has besides, and of pressures of something else than air."""
 
 Meanings: TypeAlias = Sequence[tuple[int, Meaning]]
 

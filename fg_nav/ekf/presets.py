@@ -51,7 +51,7 @@ from fg_nav.text import Changes, change_parameters
 FACTOR_SPACING_S = 2 * STANCE_CORRELATION_S
 FORCE_SHARE = 0.75
 
-MATCHED = IezParameters(
+MATCHED = IezParameters(  # Sensor and foot; the lever is estimated from the recording.
     acc_density=0.005,
     acc_relative_density=FORCE_SHARE * 0.01,
     gyr_density_deg=0.05,
@@ -66,7 +66,6 @@ MATCHED = IezParameters(
     tilt_sigma_rest_deg=1.0,
     tilt_sigma_deg=1.0,
 )
-"""Sensor and foot; the lever is estimated from the recording."""
 
 
 @dataclass(frozen=True)

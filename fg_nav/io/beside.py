@@ -132,13 +132,12 @@ def pack_true_path(t: Floats, position: Floats, nav_R_body: Floats | None = None
 
 FIX_COLUMNS = ("time_s", "x_m", "y_m", "z_m", "sigma_m")
 
-_GNSS_COLUMNS = {
+_GNSS_COLUMNS = {  # Names by their letters alone, without units, the first that is there.
     "time": ("secondselapsed", "times", "time", "t", "seconds"),
     "latitude": ("latitude", "latitudedeg", "lat", "latdeg"),
     "longitude": ("longitude", "longitudedeg", "lon", "londeg", "lng"),
     "accuracy": ("horizontalaccuracy", "horizontalaccuracym", "accuracy", "accuracym", "hacc", "haccm", "sigmam"),
 }
-"""Names by their letters alone, without units, the first that is there."""
 
 _UNITS = re.compile(r"\(.*\)|\[.*\]")
 

@@ -295,8 +295,10 @@ def choose_sensor(
 ) -> str:
     """Return the only name, or the only one that contains `asked`; `before` is the option quoted in an error.
 
-    Raises `FormatError` if there are several and none is asked for, or what is asked for is not one of them.
+    Raises `FormatError` if there is none, several and none is asked for, or what is asked for is not one of them.
     """
+    if not names:
+        raise FormatError(f"{path.name} holds no {what} of this format: export it again.")
     if asked is None:
         if len(names) == 1:
             return names[0]

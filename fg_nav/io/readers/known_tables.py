@@ -274,10 +274,8 @@ def _name_by_rows(content: Content) -> TextTable:
 
 def read_apdm(content: Content) -> RawRecording:
     """Read one sensor of an export."""
-    path, found = content.path, find_apdm(content)
-    if found is None:
-        raise FormatError(f"{path.name} has no header of APDM: export it again.")
-    table, said = found
+    path = content.path
+    table, said = find_apdm(content) or (TextTable(content, content.fields()), list[str]())
     units, groups = [*said, *[""] * len(table.names)], dict[str, dict[Sensor, str]]()
     for match in filter(None, map(_PATH.match, table.names)):
         what = _QUANTITIES.get(match[2].lower())
@@ -317,10 +315,8 @@ def find_shimmer(content: Content) -> TextTable | None:
 
 
 def read_shimmer(content: Content) -> RawRecording:
-    """Read one device of an export of Consensys; raises `FormatError` without calibrated columns, units or a clock."""
-    path, table = content.path, find_shimmer(content)
-    if table is None:
-        raise FormatError(f"{path.name} has no calibrated columns of a Shimmer: export it again with them.")
+    """Read one device of an export of Consensys."""
+    path, table = content.path, find_shimmer(content) or TextTable(content, content.fields())
     # the row of units below the names, which some exports leave out
     below = content.lines[table.line + 1 : table.line + 2]
     units = [field for line in below for field in split_fields(line, table.separator)]

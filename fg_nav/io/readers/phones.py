@@ -306,12 +306,11 @@ def put_on_recording_clock(content: Content, t: Floats) -> Floats:
 
 # Sensor Logger
 
-_WHAT: dict[str, Sensor] = {
+_WHAT: dict[str, Sensor] = {  # Tables that are read, by the name of the file in lower case.
     "totalacceleration": "acc", "accelerometer": "acc", "gravity": "acc", "accelerometeruncalibrated": "acc",
     "gyroscope": "gyr", "gyroscopeuncalibrated": "gyr", "magnetometer": "mag", "magnetometeruncalibrated": "mag",
     "barometer": "pressure",
 }  # fmt: skip
-"""Tables that are read, by the name of the file in lower case."""
 
 _HPA = 100.0  # Pa.
 _MAX_FORCE_IN_G = 3.0  # A sensor at rest reads 1 in g, and 9.8 in m/s^2.

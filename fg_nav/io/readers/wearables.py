@@ -73,8 +73,6 @@ def read_metawear(content: Content) -> RawRecording:
         if (what := _find_sensor(file)) is not None:
             name = _SENSOR.split(file.path.name)
             sessions.setdefault((name[0] if len(name) > 1 else "") or "session", {})[what] = file
-    if not sessions:
-        raise FormatError(f"{content.path.name} holds no file of a MetaWear: export the session again.")
     chosen, streams = choose_sensor(list(sessions), content.sensor, content.path, "sessions"), list[Stream]()
     for what, file in sessions[chosen].items():
         header = TextTable(file, file.fields())
