@@ -23,6 +23,7 @@ from typing import Literal
 
 import numpy as np
 
+from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
 
 Quantity = Literal["time", "acc", "gyr", "mag", "pressure"]
@@ -50,11 +51,10 @@ _FACTORS: Mapping[Quantity, Mapping[str, float]] = MappingProxyType({
     "pressure": {"pa": 1.0, "hpa": 100.0, "kpa": 1e3, "mbar": 100.0, "mb": 100.0, "bar": 1e5},
 })  # fmt: skip
 
-KNOWN_UNITS: Mapping[Quantity, str] = MappingProxyType({
+KNOWN_UNITS: Mapping[Quantity, str] = MappingProxyType({  # The usual words of each quantity, for messages.
     "time": "s, ms, us, ns", "acc": "m/s^2, g, mg", "gyr": "deg/s, rad/s, mdeg/s", "mag": "uT, nT, mT, T, G, mG",
     "pressure": "Pa, hPa, kPa, mbar",
 })  # fmt: skip
-"""The usual words of each quantity, for messages."""
 
 _COUNTED = re.compile(r"^\s*(\d+(?:\.\d*)?(?:e-?\d+)?)(?:/(\d+(?:\.\d*)?))?\s*\*?\s*([^\d\s].*)$", re.IGNORECASE)
 
@@ -83,6 +83,15 @@ def find_factor(quantity: Quantity, word: str) -> float | None:
     return unit * scale if 0.0 < scale < np.inf else None
 
 
+def find_scale(quantity: Quantity, unit: str, name: str, source: str) -> float:
+    """Return the factor from the unit of the column `name`, as `find_factor`; raises `FormatError` if it is unknown."""
+    factor = find_factor(quantity, unit)
+    if factor is None:
+        known = f"write one of {KNOWN_UNITS[quantity]}"
+        raise FormatError(f"{source}: column '{name}' has the unit '{unit}', which is not known: {known}.")
+    return factor
+
+
 def find_quantity(word: str) -> Quantity | None:
     """Return what a unit is a unit of; `g` and `mg` are those of acceleration, `G` and `mG` those of a field."""
     found: list[Quantity] = [quantity for quantity in _FACTORS if find_factor(quantity, word) is not None]
@@ -91,10 +100,9 @@ def find_quantity(word: str) -> Quantity | None:
     return found[0] if found else None
 
 
-_NO_TIMES = frozenset(
+_NO_TIMES = frozenset(  # Units that are certainly none of time.
     {"deg", "rad", "degc", "c", "degf", "k", "f", "v", "mv", "a", "ma", "%", "pa", "hpa", "m", "mm", "cm", "km", "m/s"}
 )
-"""Units that are certainly none of time."""
 
 
 def _simplify(word: str) -> str:
@@ -111,11 +119,10 @@ def _simplify(word: str) -> str:
 
 Kind = Literal["time", "acc", "gyr", "mag", "counter", "no gravity", "gravity", "pressure"]
 
-_QUANTITIES: dict[Kind, Quantity] = {
+_QUANTITIES: dict[Kind, Quantity] = {  # Whose units a kind has.
     "time": "time", "counter": "time", "acc": "acc", "no gravity": "acc", "gravity": "acc", "gyr": "gyr", "mag": "mag",
     "pressure": "pressure",
 }  # fmt: skip
-"""Whose units a kind has."""
 
 _WORDS: dict[Kind, frozenset[str]] = {
     "time": frozenset({
@@ -129,12 +136,11 @@ _WORDS: dict[Kind, frozenset[str]] = {
     "counter": frozenset({"sample", "samples", "counter", "count", "packet", "seq", "index", "frame", "row", "idx"}),
 }  # fmt: skip
 
-_STEMS: tuple[tuple[str, Kind], ...] = (
+_STEMS: tuple[tuple[str, Kind], ...] = (  # Beginnings of words, of other languages too, without their accents.
     *(("accel", "acc"), ("beschleun", "acc"), ("aceler", "acc"), ("versnell", "acc"), ("gyro", "gyr"), ("giro", "gyr")),
     *(("angularvel", "gyr"), ("winkelgeschw", "gyr"), ("drehr", "gyr"), ("drehg", "gyr"), ("hoeksnel", "gyr")),
     *(("magnet", "mag"), ("zeit", "time"), ("timest", "time"), ("horodat", "time")),
 )
-"""Beginnings of words, of other languages too, without their accents."""
 
 _PAIRS: dict[tuple[str, str], str] = {
     **{(a, b): "angvel" for a in ("angular", "ang", "turn", "rotation", "rot", "rotational")
@@ -148,11 +154,10 @@ _PAIRS: dict[tuple[str, str], str] = {
 _LETTERS: dict[str, Kind] = {"a": "acc", "g": "gyr", "w": "gyr", "ω": "gyr", "m": "mag", "b": "mag"}  # Before an axis.
 _ALONE: dict[str, Kind] = {"t": "time", "n": "counter", "i": "counter"}  # As a whole name.
 
-_TIME_UNITS = {word: unit for unit, words in {
+_TIME_UNITS = {word: unit for unit, words in {  # Words for time that are its unit too.
     "s": "s sec secs second seconds", "ms": "ms msec msecs millis milliseconds",
     "us": "us usec usecs micros microseconds", "ns": "ns nsec nsecs nanosec nanosecs nanos nanoseconds",
 }.items() for word in words.split()}  # fmt: skip
-"""Words for time that are its unit too."""
 
 _NO_GRAVITY = frozenset({"linear", "lin", "user", "free", "dynamic", "nograv"})
 _SATELLITES = frozenset({"gps", "gnss", "date", "datum", "fecha"})  # Words of clocks that say nothing of other columns.

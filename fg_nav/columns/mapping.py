@@ -4,13 +4,11 @@
     t,ax,ay,az,gx,gy,gz                                                 all fields in order, - for one not used
 
 A unit in brackets is of all columns of its quantity; with the list, units stand in a list of their own. Without a unit
-counts that of the column's name, if it has one. Names are found without regard to case, and without their units.
+counts that of the column's name, if it has one.
 
 What a mapping leaves out, or all without one, is what the names say (`fg_nav.columns.headers`). The three axes of a
-sensor share the words of their names. One accelerometer, one gyroscope and at most one magnetometer are taken;
-calibrated ones before raw ones. Gravity and the acceleration without it are added. Of several clocks the sensor's own
-goes before that of the phone or computer beside it, of satellites, or of a date. Where the names leave a choice, it is
-the user's.
+sensor share the words of their names. One accelerometer, one gyroscope and at most one magnetometer are taken; where
+the names leave a choice, it is the user's. The ranks of several are in docs/formats.md.
 """
 
 from __future__ import annotations
@@ -227,18 +225,16 @@ _AXES = (("x", "y", "z"), ("0", "1", "2"), ("1", "2", "3"))
 
 _ROS_RATE = re.compile(r"angular[\W_]*velocity", re.IGNORECASE)  # Beside it, linear acceleration has gravity: ROS.
 
-_CLOCKS = (
+_CLOCKS = (  # Words of clocks, the best first: a message's own stamp, the sensor's; others; what came late.
     {"header"}, {"sensor", "device", "chip", "imu"}, set[str](),
     {"phone", "host", "pc", "system", "log", "logging", "received", "arrival", "recorder", "server"},
     {"gps", "gnss", "tow", "itow"}, {"date", "datum", "fecha"},
 )  # fmt: skip
-"""Words of clocks, the best first: a message's own stamp, the sensor's; others; what came late."""
 
-_NO_PRESSURE = frozenset({
+_NO_PRESSURE = frozenset({  # Words of what a barometer has besides, and of pressures of something else than air.
     *("altitude", "alt", "height", "relative", "sea", "temp", "temperature", "foot", "heel", "toe", "insole", "sole"),
     *("time", "covariance", "variance", "var", "sigma", "std", "accuracy", "status", "valid", "delta", "tyre", "tire"),
 })  # fmt: skip
-"""Words of what a barometer has besides, and of pressures of something else than air."""
 
 Meanings: TypeAlias = Sequence[tuple[int, Meaning]]
 
@@ -254,13 +250,9 @@ class Hints:
     rate: str = "--rate 100"
     sensor: str = ", or give a word of their names with --sensor"
 
-    def suggest(self, mapping: str) -> str:
-        """Return what to type; what the user is to say stands in capitals, and what is left out the names say."""
-        return f'as {self.command} "{mapping}"'
-
     def ask(self, words: str, mapping: str, otherwise: str = "") -> FormatError:
-        """Return the error that says what a table leaves open, and what to type."""
-        return FormatError(f"{self.name}{words}, {self.suggest(mapping)}{otherwise}.")
+        """Return the error that says what a table leaves open, and what to type: capitals are for the user to fill."""
+        return FormatError(f'{self.name}{words}, as {self.command} "{mapping}"{otherwise}.')
 
 
 def choose_columns(

@@ -1,16 +1,7 @@
 """Columns of numbers become samples in SI; what their names do not say is judged by physics, and said.
 
-====== ==========================================================================================
-time   the unit makes the step a period with which gravity turns as the gyroscope says; where that
-       shows nothing, of s, ms, us and ns the one that makes the rate that of an inertial sensor
-acc    at rest it is gravity: 9.8 m/s^2, 1 g or 1000 mg
-gyr    above 40 it is no rad/s, below 17 on a walk no deg/s; gravity turns as it says; else the user says it
-mag    a field on Earth is 5 to 200 uT; one whose unit is not clear is left out
-air    its pressure is 300 to 1200 hPa; one that is nowhere is left out
-====== ==========================================================================================
-
-Stamps too coarse for the rate are spread over the rows that share them. Without stamps a counter, or else the rows,
-give the time by the rate that the user says.
+What judges each unit is in docs/formats.md. Stamps too coarse for the rate are spread over the rows that share them.
+Without stamps a counter, or else the rows, give the time by the rate that the user says.
 
 Arrays and data frames of the user's own are converted by the same words as a file's columns. Units are a list,
 `"ms, g, deg/s"`, of which each says its quantity, or by quantity, `{"acc": "g"}`. Arrays without one are in s, m/s^2,
@@ -27,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fg_nav.arrays import Floats
-from fg_nav.columns.headers import KNOWN_UNITS, Quantity, find_factor
+from fg_nav.columns.headers import KNOWN_UNITS, Quantity, find_factor, find_scale
 from fg_nav.columns.mapping import (
     QUANTITIES,
     Channel,
@@ -142,12 +133,7 @@ def convert_pressure(values: Floats, channel: Channel, notes: list[str]) -> Floa
 
 
 def _scale(values: Floats, quantity: Quantity, channel: Channel, unit: str, hints: Hints) -> Floats:
-    factor = find_factor(quantity, unit)
-    if factor is None:
-        known = f"write one of {KNOWN_UNITS[quantity]}"
-        raise FormatError(
-            f"{hints.name}: column '{channel.names[0]}' has the unit '{unit}', which is not known: {known}."
-        )
+    factor = find_scale(quantity, unit, channel.names[0], hints.name)
     with np.errstate(over="ignore", invalid="ignore"):  # nonsense numbers are found as such later
         return np.ascontiguousarray(values * factor)
 

@@ -7,12 +7,6 @@ Gated by a detector alone (`GatedCompassParameters`), in which QSF, iQSF and Ma 
         if T < threshold: update by the heading of the levelled field               Ma (34)-(37)
     else as the IEZ                                                                 Ma (27)-(33), (37)-(39)
 
-Ma's z (heading of the gyroscope less that of the field) and its row of H are those of `fg_nav.ekf.measurements`; Ma
-(36) as printed has the row of the gyro bias instead. The attitude is corrected with the one sign that shrinks its
-error, and an angle needs no sample period; Ma (38), (39). A detector tests changes, and a filter uses the heading
-itself: a lasting deviation is followed. The compass's sigma covers the deviations of the place, far above the compass's
-noise.
-
 AIEZ (`AiezParameters`), with tilt by the accelerometer, and heading by the compass or a straight course:
 
     each footfall
@@ -24,18 +18,13 @@ AIEZ (`AiezParameters`), with tilt by the accelerometer, and heading by the comp
     else as the IEZ                                                                 AIEZ (1)-(7), (29)-(32)
 
 T is that of the detector, with the heading of this filter and S = var + sigma^2 in place of the sigma^2 of AIEZ (17),
-with which the drift locks the compass out for good. The detector `aiez` of `fg_nav.magnetic`, shared by all methods,
-has only the drifting heading of the gyroscope with a cruder uncertainty, and follows wrong compasses further.
+with which the drift locks the compass out for good.
 
 The course is that of the stride, its change taken from the mean of the n last ones; the heading of the standing foot,
 as printed, scatters more (1.8 against 1.3 deg). HDR takes a bend of less than xi for a straight line: of 36 deg in 60
-strides it removes 6; with xi of 5 deg and a sigma of 1 deg, 16. So xi is small and the sigma is not. HDR has the row of
-the compass but measures only that the filter's own heading stays constant: its variance falls below that of any
-measured heading, and the next compass weighs less.
+strides it removes 6; with xi of 5 deg and a sigma of 1 deg, 16. So xi is small and the sigma is not.
 
-Read otherwise than printed: errors of roll and pitch are rotations about axes of nav, AIEZ (22), (29); angles are
-wrapped, AIEZ (26), (27); a curve is no measurement, where AIEZ (28), (32) take zero with the sigma of a straight line
-(`hdr_as_printed` does so); the compass has the sign of `fg_nav.magnetic.footfall_field`, AIEZ (25).
+What is read otherwise than printed, Ma (36), (38), (39), AIEZ (22), (25)-(29), (32): docs/equations.md.
 
 References: Afzal, Renaudin, Lachapelle (2011), "Use of Earth's magnetic field for mitigating gyroscope errors
 regardless of magnetic perturbation" (QSF); Ma et al. (2016) as cited by Ma et al. (2018) (iQSF); Ma et al. (2018);
@@ -101,13 +90,7 @@ def run_with_compass(
 ) -> Solution:
     """Navigate a walk forward in time.
 
-    Parameters
-    ----------
-    recording, stances : of one walk.
-    field : at its footfalls.
-    parameters : those of AIEZ, or of a filter gated by its detector alone.
-    heading : rad clockwise from north, of the body's x axis at the start; None to take it from the compass.
-    method : its name in the solution.
+    `heading` is rad clockwise from north, of the body's x axis at the start; None to take it from the compass.
 
     Raises `EstimationError` without a field, without a stance, with stances of another recording, with a detector that
     AIEZ cannot use, or where the filter diverges.

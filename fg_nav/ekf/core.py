@@ -1,4 +1,4 @@
-"""The pass that all filters share: strapdown navigation, updated while the foot stands.
+"""The pass that all filters share: strapdown navigation, updated while the foot stands (docs/filters.md).
 
     state      position, velocity, attitude, gyro bias, accelerometer bias       (mechanisation)
     error      15 numbers, estimate minus truth, with covariance P               (covariance)
@@ -13,11 +13,9 @@
     smooth     on request: backward over the pass, given the whole walk               (rts)
 
 Samples before the first stance are reached by stepping backward from it, without updates. A filter's use of the field
-is its `PseudoMeasurements`; without any it is the IEZ (`run_iez`). The uncertainty of a start heading from a compass is
-a considered (Schmidt) state: it joins P with the first compass that is used (`propagate_considered`).
-
-The attitude is rotated by Exp of the rotation vector, where Ma (27), (28) and AIEZ (4), (5) have a Cayley form and a
-quaternion; the state of Ma (29) and its model Ma (30)-(32), AIEZ (1)-(3) are those of `fg_nav.ekf.covariance`.
+is its `PseudoMeasurements`; without any it is the IEZ (`run_iez`). The attitude is rotated by Exp of the rotation
+vector, where Ma (27), (28) and AIEZ (4), (5) have a Cayley form and a quaternion; the state of Ma (29) and its model
+Ma (30)-(32), AIEZ (1)-(3) are those of `fg_nav.ekf.covariance`.
 
 References: Foxlin (2005), "Pedestrian tracking with shoe-mounted inertial sensors"; Jimenez et al. (2010), "Indoor
 pedestrian navigation using an INS/EKF framework for yaw drift reduction and a foot-mounted IMU".
@@ -127,17 +125,10 @@ def filter_walk(
 ) -> Track:
     """Run a filter, smooth backward where its parameters say so (`smoothed`), and return path and footfalls.
 
-    Parameters
-    ----------
-    recording : Recording
-    stands : (N,) mask of the samples in stance.
-    rows : (K,) the stillest sample of each footfall, ascending: where the attitude is updated and P recorded.
-    start : where it begins.
-    parameters : of sensor and foot.
-    pseudo : pseudo-measurements at the K footfalls; None for none.
-    heading_sigma : rad, of the heading at the start.
-    start_sigma : rad, the same, but a considered state until a compass is used (`propagate_considered`); not with
-        `smoothed`.
+    `stands` (N,) marks the samples in stance; `rows` (K,) are the stillest ones of the footfalls, ascending, where the
+    attitude is updated by `pseudo` and P recorded. `heading_sigma` (rad) is that of the heading at the start;
+    `start_sigma` (rad) too, but a considered state until a compass is used (`propagate_considered`): not with
+    `smoothed`.
 
     Raises `EstimationError` where the filter diverges to infinity.
     """
@@ -216,9 +207,7 @@ def _forward(
     """Filter from sample `first` on and write `track`; with `taping` the tape too. `state`, `P` change in place."""
     h, acc, gyr, acc_sigma, gyr_sigma = samples
     x, turn, delta_v = np.zeros(SIZE), np.empty((3, 3)), np.empty(3)
-    k, stood, directions, last, step = 0, 0, np.empty(len(rows)), np.empty(3), np.empty(3)
-    for axis in range(3):
-        last[axis] = state.position[axis]
+    k, stood, directions, last = 0, 0, np.empty(len(rows)), state.position.copy()
     for i in range(first, len(h)):
         # in stance: update by the known velocity
         if stands[i]:
@@ -230,9 +219,7 @@ def _forward(
         if at_footfall:
             heading = compute_heading(state.nav_R_body)
             propagate_considered(considered, state)
-            for axis in range(3):
-                step[axis] = state.position[axis] - last[axis]
-            direction = compute_direction(state.nav_R_body, step, pseudo.course_by_path)
+            direction = compute_direction(state.nav_R_body, state.position - last, pseudo.course_by_path)
             innovation, traces = track.innovation[k], tape.footfall[k]
             update_at_footfall(state.nav_R_body, P, x, k, direction, directions, pseudo, considered, innovation, traces)
             inject_error(state, x)
@@ -243,11 +230,8 @@ def _forward(
                 tape.bias[i, axis], tape.bias[i, 3 + axis] = state.gyro_bias[axis], state.acc_bias[axis]
         if at_footfall:
             directions[k] = direction + compute_heading(state.nav_R_body) - heading
-            for axis in range(3):
-                last[axis], track.gyro_bias[k, axis] = state.position[axis], state.gyro_bias[axis]
-            for row in range(SIZE):
-                for column in range(SIZE):
-                    track.covariance[k, row, column] = P[row, column] + considered[row] * considered[column]
+            last[:], track.gyro_bias[k] = state.position, state.gyro_bias
+            track.covariance[k] = P + np.outer(considered, considered)
             k += 1
         # propagate over the period of the sample
         strapdown(state, acc[i], gyr[i], h[i], gravity, turn, delta_v)
@@ -361,11 +345,7 @@ def run_iez(
 ) -> Solution:
     """IEZ: strapdown navigation, updated while the foot stands (INS + EKF + ZUPT), without the magnetometer.
 
-    Parameters
-    ----------
-    recording, stances : of one walk.
-    parameters : IezParameters
-    heading : rad clockwise from north, of the body's x axis at the start.
+    `heading` is rad clockwise from north, of the body's x axis at the start.
 
     Raises `EstimationError` without a stance, with stances of another recording, without gravity in the specific force,
     or where the filter diverges to infinity.

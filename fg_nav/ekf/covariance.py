@@ -50,15 +50,12 @@ _MOVING = 9  # Position, velocity, attitude; the biases below have unit rows in 
 
 
 class Densities(NamedTuple):
-    """Spectral densities (squared) of the process noise: variance of the integral per second.
+    """Spectral densities (squared) of the process noise: variance of the integral per second."""
 
-    acc (m/s)^2/s, gyr rad^2/s, gyro_bias (rad/s)^2/s, acc_bias (m/s^2)^2/s.
-    """
-
-    acc: float
-    gyr: float
-    gyro_bias: float
-    acc_bias: float
+    acc: float  # (m/s)^2/s
+    gyr: float  # rad^2/s
+    gyro_bias: float  # (rad/s)^2/s
+    acc_bias: float  # (m/s^2)^2/s
 
 
 @njit(cache=True)

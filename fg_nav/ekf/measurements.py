@@ -26,10 +26,8 @@ course      mean course before less this one    (0, 0, 1) on dphi               
 
 with H^2 = b_e^2 + b_n^2. The heading is clockwise and dphi_u counter-clockwise: an estimate turned too far to the left
 has north to its right. The first two entries of the field's row are the effect of a wrong tilt on the inclined field.
-The papers level the field by the accelerometer instead and compare headings, which leaves a stance's tilt errors in the
-compass; Ma (36) prints the heading's row on the gyro bias, AIEZ (29) takes errors of Euler angles for dphi. Angles are
-wrapped, which AIEZ (26), (27) omit. In a curve nothing is measured, where AIEZ (28), (32) have a zero with the sigma of
-a straight line (`curve_is_zero`).
+The papers level the field by the accelerometer instead, which leaves a stance's tilt errors in the compass. Misprints
+corrected here, AIEZ (26), (32) too: docs/equations.md.
 
 References: Foxlin (2005), "Pedestrian tracking with shoe-mounted inertial sensors". Velocity not zero, error not white:
 Nilsson, Skog, Handel (2012), "A note on the limitations of ZUPTs and the implications on sensor error modeling". The
@@ -56,18 +54,14 @@ MIN_STRIDE_M = 0.3  # A shorter displacement has no course: the foot was only sh
 
 
 class StanceNoise(NamedTuple):
-    """Squared density of the velocity: `floor` (m/s)^2 s, growing with rate and force, and the lever.
+    """Squared density of the velocity in stance, growing with rate and force, and the lever."""
 
-    It grows by `rolling` m^2 s times the squared rate, and by `unsteady` s^3 times the square of the force's excess
-    over `gravity` m/s^2. The lever is `height` m straight up or `lever` (3,) m in the body frame.
-    """
-
-    floor: float
-    rolling: float
-    unsteady: float
-    height: float
-    lever: Floats
-    gravity: float
+    floor: float  # (m/s)^2 s
+    rolling: float  # m^2 s, times the squared rate
+    unsteady: float  # s^3, times the square of the force's excess over gravity
+    height: float  # m, lever straight up
+    lever: Floats  # (3,) m, lever in the body frame
+    gravity: float  # m/s^2
 
 
 @njit(cache=True)
@@ -103,39 +97,22 @@ class PseudoMeasurements(NamedTuple):
     """Measurements of the attitude at K footfalls, one row each, in the body frame of the stillest sample of each.
 
     A variance of NaN leaves a row out.
-
-    ================= ====== =========================================================================================
-    body_field        (K, 3) uT, mean over the stance
-    body_force        (K, 3) m/s^2, mean specific force over the stance
-    compass_heading   (K,)   rad clockwise from magnetic north, levelled by the force; NaN to level by the attitude
-    compass_variance  (K,)   rad^2, of the heading of the field
-    compass_limit     (K,)   the compass is used where z^2 < limit (var dphi_u + agreement); inf to use it always
-    tilt_variance     (K,)   rad^2, of the direction of up by the force
-    course_variance   (K,)   rad^2, of the course staying straight (HDR), used where the compass is not
-    course_limit      rad    a change of course beyond this is a curve
-    course_strides    -      footfalls before, whose mean course is the reference
-    curve_is_zero     -      measure a change of zero in a curve, AIEZ (28) as printed; False for no measurement
-    course_by_path    -      a course is that of the stride; False for the heading of the standing foot
-    agreement         rad^2, variance of a right compass against the true heading
-    use_own_variance  -      count var dphi_u in that test; False for the agreement alone, as printed
-    declination       rad    of magnetic north, clockwise from the north of nav
-    ================= ====== =========================================================================================
     """
 
-    body_field: Floats
-    body_force: Floats
-    compass_heading: Floats
-    compass_variance: Floats
-    compass_limit: Floats
-    tilt_variance: Floats
-    course_variance: Floats
-    course_limit: float = 0.0
-    course_strides: int = 0
-    curve_is_zero: bool = False
-    course_by_path: bool = False
-    agreement: float = 1.0
-    use_own_variance: bool = True
-    declination: float = 0.0
+    body_field: Floats  # (K, 3) uT, mean over the stance
+    body_force: Floats  # (K, 3) m/s^2, mean specific force over the stance
+    compass_heading: Floats  # (K,) rad clockwise from magnetic north, levelled by the force; NaN: by the attitude
+    compass_variance: Floats  # (K,) rad^2, of the heading of the field
+    compass_limit: Floats  # (K,) the compass is used where z^2 < limit (var dphi_u + agreement); inf: always
+    tilt_variance: Floats  # (K,) rad^2, of the direction of up by the force
+    course_variance: Floats  # (K,) rad^2, of the course staying straight (HDR), used where the compass is not
+    course_limit: float = 0.0  # rad, a change of course beyond this is a curve
+    course_strides: int = 0  # footfalls before, whose mean course is the reference
+    curve_is_zero: bool = False  # measure a change of zero in a curve, AIEZ (28) as printed; False: no measurement
+    course_by_path: bool = False  # a course is that of the stride; False: the heading of the standing foot
+    agreement: float = 1.0  # rad^2, variance of a right compass against the true heading
+    use_own_variance: bool = True  # count var dphi_u in that test; False: the agreement alone, as printed
+    declination: float = 0.0  # rad, of magnetic north, clockwise from the north of nav
 
 
 def make_pseudo_measurements(footfalls: int) -> PseudoMeasurements:

@@ -1,23 +1,13 @@
-"""The filters of the papers, each in several presets.
-
-=========== ===========================================================================================================
-as-printed  the papers' detectors and values, and constant noise where they print none (OpenShoe's); the field levelled
-            by the accelerometer; in a curve HDR measures zero. What breaks the filter is not run: `NOT_RUN`
-physical    misprints corrected, detectors and noises as physics has them
-tuned       of the physical one the noises chosen on walks that are not reported; where there is none, the physical one
-=========== ===========================================================================================================
-
-In all of them a footfall is one measurement, where the papers use each sample of a stance.
+"""The filters of the papers, each in several presets: as printed, physical, tuned (docs/filters.md#presets).
 
 Sigma of a heading as printed: Ma's 0.067 rad of a step's change, his only figure; AIEZ gives none: 5 deg for the
 compass, 1 deg for HDR within 5 deg of five strides, and 1 deg for roll and pitch are our choice.
 
-Tuned: by `scripts/tune_filters.py` on simulated walks that are not reported, smooth and rough fields alike
-(docs/filters.md has the figures). What is not named is as in the preset `physical`, the core of sensor and foot too.
-Detectors keep their shape: an `allowance` multiplies sigma and least change that matters of each channel; they are the
-smoother's gates too (`fg_nav.magnetic.detectors.TUNED`). On the smooth field alone Ma's physical gate is best, with 7
-to 10 deg; on the rough one it passes nothing, and a filter that uses nearly every compass with 20 to 30 deg halves the
-error of the IEZ. So the tuned gates reject the wildest changes only.
+Tuned: by `scripts/tune_filters.py` on simulated walks that are not reported, smooth and rough fields alike. What is not
+named is as in the preset `physical`. Detectors keep their shape: an `allowance` multiplies sigma and least change that
+matters of each channel; they are the smoother's gates too (`fg_nav.magnetic.detectors.TUNED`). On the smooth field
+alone Ma's physical gate is best, with 7 to 10 deg; on the rough one it passes nothing, and a filter that uses nearly
+every compass with 20 to 30 deg halves the error of the IEZ. So the tuned gates reject the wildest changes only.
 
 `MATCHED` is the fair opponent of the factor graph: IEZ and gated compass with the smoother's model of sensor, foot and
 walk. It has the values of `fg_nav.smoother.parameters.SmootherParameters` (a test compares them), in the units of a
@@ -34,8 +24,7 @@ rate of a swing                     its relative density is estimated from the w
 settling of the sole, rounding      left out: 3 mm/s downward in stance, 1 mm in a second
 =================================== ===============================================================================
 
-Its compass is that of Ma 2018, tuned where that is. With the backward pass (`-rts`) it uses as much of the walk as the
-graph does: the remaining differences are the linearization, the nodes, and the graph's model of the field.
+Its compass is that of Ma 2018, tuned where that is.
 """
 
 from __future__ import annotations
@@ -62,7 +51,7 @@ from fg_nav.text import Changes, change_parameters
 FACTOR_SPACING_S = 2 * STANCE_CORRELATION_S
 FORCE_SHARE = 0.75
 
-MATCHED = IezParameters(
+MATCHED = IezParameters(  # Sensor and foot; the lever is estimated from the recording.
     acc_density=0.005,
     acc_relative_density=FORCE_SHARE * 0.01,
     gyr_density_deg=0.05,
@@ -77,7 +66,6 @@ MATCHED = IezParameters(
     tilt_sigma_rest_deg=1.0,
     tilt_sigma_deg=1.0,
 )
-"""Sensor and foot; the lever is estimated from the recording."""
 
 
 @dataclass(frozen=True)
@@ -93,19 +81,6 @@ def match_compass(compass: GatedCompassParameters) -> MatchedParameters:
     return MatchedParameters(**kept)
 
 
-def match_walk(
-    parameters: MatchedParameters, recording: Recording, stances: Stances, swing_density: float | None = None
-) -> MatchedParameters:
-    """Return the filter with the rolling lever of this walk, where none is given, and if given its `swing_density`."""
-    core = parameters.inertial
-    if swing_density is not None:
-        core = replace(core, gyr_relative_density=swing_density)
-    if core.rolling_lever_m is None:
-        x, y, z = estimate_lever(recording, stances).lever.tolist()
-        core = replace(core, rolling_lever_m=(x, y, z))
-    return replace(parameters, inertial=core)
-
-
 Parameters: TypeAlias = IezParameters | GatedCompassParameters  # Of any filter here.
 
 AS_PRINTED, PHYSICAL, TUNED = "as-printed", "physical", "tuned"
@@ -114,18 +89,14 @@ GATED = ("qsf", "iqsf", "ma2018", "qsf-stance")  # Gated by the detector of the 
 _MA_SIGMA_DEG = float(np.degrees(MA_SIGMA_HEADING))
 
 
-def _make_as_printed(detector: str) -> GatedCompassParameters:
-    return GatedCompassParameters(
-        DETECTORS[detector], compass_sigma_deg=_MA_SIGMA_DEG, levelled_by_force=True, inertial=OPENSHOE
-    )
-
+_PRINTED_GATE = GatedCompassParameters(
+    DETECTORS["qsf-stance"], compass_sigma_deg=_MA_SIGMA_DEG, levelled_by_force=True, inertial=OPENSHOE
+)
 
 _AS_PRINTED: Mapping[str, Parameters] = {
     "iez": OPENSHOE,
-    "qsf": _make_as_printed("qsf-printed"),
-    "iqsf": _make_as_printed("iqsf-printed"),
-    "ma2018": _make_as_printed("ma2018-printed"),
-    "qsf-stance": _make_as_printed("qsf-stance"),
+    **{method: replace(_PRINTED_GATE, detector=DETECTORS[f"{method}-printed"]) for method in ("qsf", "iqsf", "ma2018")},
+    "qsf-stance": _PRINTED_GATE,
     "aiez": AiezParameters(
         DETECTORS["aiez-printed"],
         compass_sigma_deg=5.0,
@@ -149,10 +120,7 @@ _PHYSICAL: Mapping[str, Parameters] = {
 # The preset `tuned`, by method.
 TUNED_PARAMETERS: Mapping[str, GatedCompassParameters] = MappingProxyType(
     {
-        "qsf": GatedCompassParameters(TUNED_DETECTORS["qsf"], compass_sigma_deg=30.0),
-        "iqsf": GatedCompassParameters(TUNED_DETECTORS["iqsf"], compass_sigma_deg=30.0),
-        "ma2018": GatedCompassParameters(TUNED_DETECTORS["ma2018"], compass_sigma_deg=30.0),
-        "qsf-stance": GatedCompassParameters(TUNED_DETECTORS["qsf-stance"], compass_sigma_deg=30.0),
+        **{method: GatedCompassParameters(TUNED_DETECTORS[method], compass_sigma_deg=30.0) for method in GATED},
         "aiez": AiezParameters(
             TUNED_DETECTORS["aiez"], compass_sigma_deg=20.0, start_sigma_deg=20.0, course_sigma_deg=16.0
         ),
@@ -211,27 +179,29 @@ def run_filter(
     swing_density: float | None = None,
     changes: Changes = (),
 ) -> Solution:
-    """Run a filter in a preset.
+    """Run a filter in a preset, with `changes` of its parameters.
 
-    Parameters
-    ----------
-    method, preset : names.
-    recording, stances : of one walk.
-    field : at its footfalls; None where it is unknown.
-    heading : rad clockwise from north, of the body's x axis at the start; None for zero, or that of the compass.
-    swing_density : of the rate in a swing, 1/sqrt(Hz), as the smoother estimates it, for `matched` alone; None for its
-        own.
-    changes : of the preset's parameters.
+    `heading` is rad clockwise from north, of the body's x axis at the start, None for zero or that of the compass;
+    `swing_density`, 1/sqrt(Hz), that of the rate in a swing as the smoother estimates it, for `matched` alone.
 
     Raises `EstimationError` for names that are none, and where the filter cannot solve this walk.
     """
     parameters = change_parameters(find_parameters(method, preset), changes)
+    # swing and rolling lever of this walk
     if isinstance(parameters, MatchedParameters):
-        parameters = match_walk(parameters, recording, stances, swing_density)
+        core = parameters.inertial
+        if swing_density is not None:
+            core = replace(core, gyr_relative_density=swing_density)
+        if core.rolling_lever_m is None:
+            x, y, z = estimate_lever(recording, stances).lever.tolist()
+            core = replace(core, rolling_lever_m=(x, y, z))
+        parameters = replace(parameters, inertial=core)
+    # pass
     if isinstance(parameters, GatedCompassParameters):
         solution = run_with_compass(recording, stances, field, parameters, heading, method)
     else:
         solution = run_iez(recording, stances, parameters, heading or 0.0)
+    # notes on the preset
     name, notes = method.removesuffix(RTS), list(solution.notes)
     if preset != TUNED or name in TUNED_PARAMETERS:
         notes.append(f"preset {preset}")

@@ -59,34 +59,26 @@ class Samples(NamedTuple):
 
 
 class Track(NamedTuple):
-    """Path and footfalls of a pass.
+    """Path of N samples and K footfalls, one sample each, of a pass."""
 
-    Path `position`, `velocity` (N, 3), `nav_R_body` (N, 3, 3) and `nis` (N,) of the velocity, NaN without an update;
-    at one sample a footfall `gyro_bias` (K, 3), `covariance` (K, 15, 15), and the standardized `innovation` (K, 4) of
-    compass, tilt and course, NaN where not used, and of the test of the compass (`fg_nav.ekf.measurements`).
-    """
-
-    position: Floats
-    velocity: Floats
-    nav_R_body: Floats
-    nis: Floats
-    gyro_bias: Floats
-    covariance: Floats
-    innovation: Floats
+    position: Floats  # (N, 3) m
+    velocity: Floats  # (N, 3) m/s
+    nav_R_body: Floats  # (N, 3, 3)
+    nis: Floats  # (N,) of the velocity, NaN without an update
+    gyro_bias: Floats  # (K, 3) rad/s
+    covariance: Floats  # (K, 15, 15)
+    innovation: Floats  # (K, 4) standardized, columns of `fg_nav.ekf.measurements`, NaN where not used
 
 
 class Tape(NamedTuple):
     """Further input of the backward pass: 50 MB a million samples, and 400 MB a million of them in stance.
 
-    `bias` (N, 6) of gyroscope (rad/s) and accelerometer (m/s^2) at each sample; the traces (`fg_nav.ekf.update`) of
-    all updates in their order: of the velocity `stance` (S, 3, 17) at the samples in stance from the start on, and of
-    the attitude `footfall` (K, 3, 32) with s = 0 without an update. A pass without smoothing has one row of `bias` and
-    `stance`, which is overwritten.
+    A pass without smoothing has one row of `bias` and `stance`, which is overwritten.
     """
 
-    bias: Floats
-    stance: Floats
-    footfall: Floats
+    bias: Floats  # (N, 6) of gyroscope (rad/s) and accelerometer (m/s^2) at each sample
+    stance: Floats  # (S, 3, 17) traces (`fg_nav.ekf.update`) of the velocity in stance, from the start on
+    footfall: Floats  # (K, 3, 32) traces of the attitude, s = 0 without an update
 
 
 @njit(cache=True)
@@ -217,12 +209,10 @@ def smooth_backward(
             _smooth_footfall(track.covariance[k], e, adjoint, information)
         # inject the error into the recorded state
         smoothed = view_state(i, track, tape)
-        for j in range(SIZE):
-            injected[j] = e[j]
+        injected[:] = e
         inject_error(smoothed, injected)
         if at_footfall:
-            for axis in range(3):
-                track.gyro_bias[k, axis] = smoothed.gyro_bias[axis]
+            track.gyro_bias[k] = smoothed.gyro_bias
             # back over the updates of the footfall, then of the stance
             for row in range(2, -1, -1):
                 trace = tape.footfall[k, row]
@@ -249,11 +239,7 @@ def _undo_step(
     """Carry `e`, lambda (15,), Lambda (15, 15) back over the period of sample `i`; F and Q from the filter's path."""
     turn, delta_v, h = np.empty((3, 3)), np.empty(3), samples.h[i]
     before = view_state(i, track, tape)
-    R = np.empty((3, 3))
-    for row in range(3):
-        for axis in range(3):
-            R[row, axis] = before.nav_R_body[row, axis]
-    moved = NavState(np.zeros(3), np.zeros(3), R, before.gyro_bias, before.acc_bias)
+    moved = NavState(np.zeros(3), np.zeros(3), before.nav_R_body.copy(), before.gyro_bias, before.acc_bias)
     strapdown(moved, samples.acc[i], samples.gyr[i], h, gravity, turn, delta_v)
     density = compute_densities(noise, samples.gyr[i], delta_v, h, gravity)
     remove_noise(e, adjoint, turn, h, density, samples.acc_sigma[i], samples.gyr_sigma[i])

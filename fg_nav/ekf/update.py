@@ -15,8 +15,8 @@ Estimated errors are injected into the state ("closed loop", x is zero again aft
 
     p <- p - dp,  v <- v - dv,  b <- b - db,  R <- Exp(-dphi) R  = (I - [dphi]) R + ...
 
-With errors as estimate minus truth this is the one sign that shrinks them; Ma (39) prints the other one, and Ma (38) a
-sample period that an angle does not have. Exp stands for the Cayley form of Ma (38) and AIEZ (6).
+With errors as estimate minus truth this is the one sign that shrinks them, unlike that of Ma (39); Exp stands for the
+Cayley form of Ma (38) and AIEZ (6) (docs/equations.md).
 
 An update leaves its `trace` for the backward pass (`fg_nav.ekf.rts`): c, s, nu and, where it is no unit row, h.
 

@@ -1,13 +1,6 @@
-"""Measurements in files beside a recording: truth, position fixes, satellite fixes, air pressure.
+"""Measurements in files beside a recording: truth, position fixes, satellite fixes, air pressure (docs/formats.md).
 
-Truth is TUM lines `t x y z qx qy qz qw` (s, m, quaternion of nav_R_body; z is up), C3D, or footprints: MATLAB files
-with `GCP_meters`, or CSV files `stride,x_m,y_m`. Fixes are CSV files `time_s,x_m,y_m,z_m,sigma_m` on the clock of the
-recording, from where the walk starts; an empty z is not known.
-
-Fixes of a receiver are the `Location.csv` of a phone's app in a folder or zip, or a CSV of the user's own with time
-(`time_s`, `t`), latitude (`lat_deg`), longitude (`lon`) and accuracy (`hacc_m`), by any usual names. Rows without a
-place or with an accuracy that is not above zero (iOS: -1 is none) are no fixes. The origin is the first whose accuracy
-is no worse than twice the median.
+A receiver's origin is its first fix whose accuracy is no worse than twice the median.
 
 The stamps of a barometer are in the recording's clock. Their unit, where the name has none, and which of several
 columns of time, are those that make both run at the same time. A reading is put at the row of the recording that is
@@ -139,13 +132,12 @@ def pack_true_path(t: Floats, position: Floats, nav_R_body: Floats | None = None
 
 FIX_COLUMNS = ("time_s", "x_m", "y_m", "z_m", "sigma_m")
 
-_GNSS_COLUMNS = {
+_GNSS_COLUMNS = {  # Names by their letters alone, without units, the first that is there.
     "time": ("secondselapsed", "times", "time", "t", "seconds"),
     "latitude": ("latitude", "latitudedeg", "lat", "latdeg"),
     "longitude": ("longitude", "longitudedeg", "lon", "londeg", "lng"),
     "accuracy": ("horizontalaccuracy", "horizontalaccuracym", "accuracy", "accuracym", "hacc", "haccm", "sigmam"),
 }
-"""Names by their letters alone, without units, the first that is there."""
 
 _UNITS = re.compile(r"\(.*\)|\[.*\]")
 
@@ -153,8 +145,7 @@ _UNITS = re.compile(r"\(.*\)|\[.*\]")
 def read_fixes(path: Path | str) -> tuple[Fix, ...]:
     """Read the fixes of a file.
 
-    Raises `FormatError` if a column is missing, a field is no number, or anything but z is empty; or if a sigma is not
-    above zero.
+    Raises `FormatError` if a column is missing, a field is no number or (but for z) empty, or a sigma is not above 0.
     """
     content = read_content(Path(path))
     table, line = TextTable(content, content.fields()).read_columns(FIX_COLUMNS)

@@ -1,8 +1,4 @@
-"""What a path holds: the first lines of a text, the variables of a MATLAB file, or further files.
-
-A folder, a zip archive and a gzip file are looked into; nothing is unpacked onto the disk, and a pipe is read once,
-whole. Formats are recognized from the content alone, never from a name. Text is UTF-8, with or without a byte-order
-mark, UTF-16 with one, or Latin-1.
+"""What a path holds: the first lines of a text, the variables of a MATLAB file, or further files (docs/formats.md).
 
 A file in a folder or archive is known by its place there, with `/` between. Hidden files, empty ones, what macOS adds
 and places that lead out of the archive are left out. What is packed and larger than `MAX_BYTES` is refused before it
@@ -132,9 +128,21 @@ def read_content(path: Path) -> Content:
     content = _open_file(path, opener)
     if not content.head.strip():
         raise FormatError(f"{path.name} is empty: record or export it again.")
-    if content.head.startswith(_ZIP):
-        return replace(content, members=_open_members(path, _list_archive(path, content.opener or _open_plain(path))))
-    return content
+    if not content.head.startswith(_ZIP):
+        return content
+    # entries of an archive, without hidden ones and places that lead out of it
+    archive = content.opener or _open_plain(path)
+    with _explain_file(path), archive() as file, zipfile.ZipFile(file) as opened:
+        entries = {entry.filename.replace("\\", "/"): entry for entry in opened.infolist() if entry.file_size > 0}
+    places = [place.split("/") for place in entries]
+    wanted = ["/".join(p) for p in places if all(p) and ":" not in p[0] and not any(map(_is_hidden, p))]
+    if sum(entries[place].file_size for place in wanted) > MAX_BYTES:
+        raise FormatError(
+            f"{path.name} holds more than {MAX_BYTES // 2**30} GiB: unpack it, and give one recording of it."
+        )
+    return replace(
+        content, members=_open_members(path, {place: partial(_unpack, archive, entries[place]) for place in wanted})
+    )
 
 
 def _open_file(path: Path, opener: Opener | None, is_member: bool = False) -> Content:
@@ -226,19 +234,6 @@ def _list_folder(path: Path) -> dict[str, Opener | None]:
     return found
 
 
-def _list_archive(path: Path, archive: Opener) -> dict[str, Opener | None]:
-    """Return the places of the files in a zip archive and what opens each; raises `FormatError` if too large."""
-    with _explain_file(path), archive() as file, zipfile.ZipFile(file) as opened:
-        entries = {entry.filename.replace("\\", "/"): entry for entry in opened.infolist() if entry.file_size > 0}
-    places = [place.split("/") for place in entries]
-    wanted = ["/".join(p) for p in places if all(p) and ":" not in p[0] and not any(map(_is_hidden, p))]
-    if sum(entries[place].file_size for place in wanted) > MAX_BYTES:
-        raise FormatError(
-            f"{path.name} holds more than {MAX_BYTES // 2**30} GiB: unpack it, and give one recording of it."
-        )
-    return {place: partial(_unpack, archive, entries[place]) for place in wanted}
-
-
 def _is_hidden(name: str) -> bool:
     return name.startswith(".") or name == "__MACOSX"
 
@@ -300,8 +295,10 @@ def choose_sensor(
 ) -> str:
     """Return the only name, or the only one that contains `asked`; `before` is the option quoted in an error.
 
-    Raises `FormatError` if there are several and none is asked for, or what is asked for is not one of them.
+    Raises `FormatError` if there is none, several and none is asked for, or what is asked for is not one of them.
     """
+    if not names:
+        raise FormatError(f"{path.name} holds no {what} of this format: export it again.")
     if asked is None:
         if len(names) == 1:
             return names[0]

@@ -1,8 +1,7 @@
 """The formats a recording may have, and the one way in: `read`.
 
-A format is recognized from the content of the file, never from its name. A folder or an archive is tried first as a
-recording as a whole; else it is searched for the one that it holds. Of a file that is no recording a sentence says what
-it is or lacks, and what to type next.
+A folder or an archive is tried first as a recording as a whole; else it is searched for the one that it holds. Of a
+file that is no recording a sentence says what it is or lacks, and what to type next.
 """
 
 from __future__ import annotations
@@ -65,10 +64,9 @@ def read_canonical(content: Content) -> RawRecording:
 class Format:
     """A file format: how it is recognized and how it is read.
 
-    `recognizes` returns something true for a content of the format. `read` raises `FormatError` if a sensor or a column
-    is missing or doubled, a unit is not known, a field is no number, the file is damaged, or it is not said which of
-    several sensors to take. `kinds` are those of content that it may have, `options` what the user may have to say: the
-    rate, or a sensor.
+    `recognizes` returns something true for a content of the format. `read` raises `FormatError` if the content is
+    incomplete, damaged or leaves a choice. `kinds` are those of content that it may have, `options` what the user may
+    have to say: the rate, or a sensor.
     """
 
     name: str
@@ -118,26 +116,15 @@ def list_formats() -> dict[str, Format]:
 
 @dataclass(frozen=True)
 class Reading:
-    """How a file is to be read, where its content does not say.
+    """How a file is to be read, where its content does not say."""
 
-    Attributes
-    ----------
-    format : a name of `list_formats` to read it as; without one the format is recognized from the content.
-    columns : of a table, which are what: `time=ts[ms],acc=ax:ay:az[g],gyr=gx:gy:gz[deg/s]` (`fg_nav.columns.mapping`).
-    rate_hz : the rate of a file that has neither a clock nor a rate.
-    rate_sigma : of that rate, a share of it.
-    sensor : which of several sensors in the file.
-    longest_gap_s : a recording is cut at a longer one.
-    barometer : file with the pressure of the air, of a barometer with a file of its own.
-    """
-
-    format: str | None = None
-    columns: str | Columns | None = None
-    rate_hz: float | None = None
-    sensor: str | None = None
-    longest_gap_s: float = MAX_BRIDGED_S
-    rate_sigma: float = NOMINAL_SIGMA
-    barometer: Path | str | None = None
+    format: str | None = None  #: A name of `list_formats` to read it as; without one it is recognized from the content.
+    columns: str | Columns | None = None  #: Of a table: `acc=ax:ay:az[g],...` (`fg_nav.columns.mapping`).
+    rate_hz: float | None = None  #: The rate of a file that has neither a clock nor a rate.
+    sensor: str | None = None  #: Which of several sensors in the file.
+    longest_gap_s: float = MAX_BRIDGED_S  #: A recording is cut at a longer one.
+    rate_sigma: float = NOMINAL_SIGMA  #: Of the rate that is given, a share of it.
+    barometer: Path | str | None = None  #: File with the pressure of the air, of a barometer with a file of its own.
 
     def read(self, path: Path | str) -> Recording:
         """Read a recording, as `fg_nav.io.read`."""

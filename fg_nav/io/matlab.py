@@ -40,10 +40,9 @@ _ORDERS = MappingProxyType({b"IM": "<", b"MI": ">"})
 
 _MATRIX, _COMPRESSED = 14, 15
 _TEXTS = (1, 2, 16)
-_NUMBERS = MappingProxyType({
+_NUMBERS = MappingProxyType({  # Types of elements that hold numbers, as numpy names them without the byte order.
     1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8",
 })  # fmt: skip
-"""Types of elements that hold numbers, as numpy names them without the byte order."""
 
 _OPAQUE, _NUMERIC_CLASSES, _COMPLEX = 17, range(6, 16), 0x0800
 

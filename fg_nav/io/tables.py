@@ -1,8 +1,4 @@
-"""Tables in files of any kind: the names of their columns, and columns as floats at C speed.
-
-Text is separated by comma, semicolon, tab, bar or blanks, with a decimal point or comma. JSON is an array or lines of
-objects, or an object of arrays. Arrays (npz, npy, MATLAB, HDF5) are a column each, or (N, 3) for all axes of one
-quantity; (N, 6) or (N, 9) whose name has `imu` in it: force, rate and field. Parquet and the first Excel sheet as well.
+"""Tables in files of any kind (docs/formats.md): the names of their columns, and columns as floats at C speed.
 
 Of a text with a known header (`find_header`) a line `sep=;` names the separator, as spreadsheets have it; else it is
 the character of tab, semicolon and comma that is most often in the header, or a blank. Numbers have a decimal comma
@@ -12,8 +8,9 @@ Of any other text (`open_table`) the first long run of lines with as many number
 decimal sign are those by which most of its fields are numbers. What stands right above it with as many fields is the
 header, in one or more rows, which may be a comment; of these a row of units goes into brackets behind the names.
 
-Lines are counted from 1 as in an editor. Empty fields are NaN; wholly empty lines are left out. What does not parse is
-named by line and column.
+Arrays are a column each, or (N, 3) for all axes of one quantity; (N, 6) or (N, 9) whose name has `imu` in it: force,
+rate and field. Lines are counted from 1 as in an editor. Empty fields are NaN; wholly empty lines are left out. What
+does not parse is named by line and column.
 """
 
 from __future__ import annotations
@@ -72,22 +69,14 @@ Arrays: TypeAlias = Mapping[str, np.ndarray[Any, Any]]
 
 @dataclass(frozen=True)
 class TextTable:
-    r"""A table of text.
-
-    Attributes
-    ----------
-    names : (C,) of all columns; numbers from 1 where it has no header.
-    first_line : of the data, from 1.
-    separator : one character, or the regular expression `\s+`.
-    comment : begins one, up to the end of its line.
-    """
+    """A table of text."""
 
     content: Content
-    names: Sequence[str]
-    first_line: int = 2
-    separator: str = ","
+    names: Sequence[str]  # (C,) of all columns; numbers from 1 where it has no header
+    first_line: int = 2  # of the data, from 1
+    separator: str = ","  # one character, or the regular expression of blanks
     decimal: str = "."
-    comment: str | None = None
+    comment: str | None = None  # what begins one, up to the end of its line
     has_header: bool = True
 
     def __contains__(self, name: object) -> bool:
@@ -166,10 +155,7 @@ class TextTable:
             return pd.read_csv(self.content.source(), **how)[position].iloc[row - self.first_line]
 
     def read_integers(self, name: str, row: Ints) -> Ints | None:
-        """Read one column exactly at the lines (N,) `row`; None if one of its numbers is no whole one of 64 bits.
-
-        Raises `FormatError` if the column is missing or doubled.
-        """
+        """Read one column exactly at the lines (N,) `row`; None if one of its numbers is no whole one of 64 bits."""
         position = find_column(name, self.names, self.content.path)
         try:
             return np.asarray(self._read_column(position, row, np.int64), dtype=np.int64)
@@ -237,10 +223,7 @@ def has_rows(content: Content) -> bool:
 
 
 def find_column(name: str, header: Sequence[str], path: Path) -> int:
-    """Index of the one column of this name.
-
-    Raises `FormatError` if there is none, or more than one.
-    """
+    """Index of the one column of this name; raises `FormatError` if there is none, or more than one."""
     count = list(header).count(name)
     if count == 0:
         raise FormatError(f"{path.name} has no column '{name}': export the recording again with it.")

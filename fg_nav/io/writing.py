@@ -80,10 +80,9 @@ def write_parquet(recording: Recording | RawRecording, path: Path) -> None:
     pyarrow.parquet.write_table(pyarrow.table(dict(zip(names, samples.T, strict=True))), path)
 
 
-WRITERS: Mapping[str, Callable[[Recording | RawRecording, Path], None]] = MappingProxyType(
+WRITERS: Mapping[str, Callable[[Recording | RawRecording, Path], None]] = MappingProxyType(  # Writer for each ending.
     {".csv": write_canonical, ".csv.gz": write_gzip, ".parquet": write_parquet}
 )
-"""Writer for each ending."""
 
 
 def choose_writer(path: Path) -> Callable[[Recording | RawRecording, Path], None]:

@@ -44,18 +44,11 @@ class Uncertainty(Protocol):
 
 @dataclass(frozen=True)
 class Drift:
-    """Uncertainty that grows with the distance between.
+    """Uncertainty that grows with the distance between."""
 
-    Attributes
-    ----------
-    position_share : of the distance, per axis (2 %: foot-mounted inertial navigation in the literature, 0.3 to 4 %).
-    heading_rad_m : rad for each meter.
-    height_share : of the distance.
-    """
-
-    position_share: float = 0.02
-    heading_rad_m: float = np.deg2rad(0.05)
-    height_share: float = 0.003
+    position_share: float = 0.02  #: Of the distance, per axis: foot-mounted navigation in the literature, 0.3 to 4 %.
+    heading_rad_m: float = np.deg2rad(0.05)  #: Rad for each meter.
+    height_share: float = 0.003  #: Of the distance.
 
     def position_m(self, first: Floats, second: Floats) -> Floats:
         """(M,) m, of each horizontal axis."""

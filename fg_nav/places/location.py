@@ -66,22 +66,17 @@ DRIFT = Drift(position_share=0.01)  # Of the solution over the first hundreds of
 
 @dataclass(frozen=True)
 class Pieces:
-    """Of recognized stretches, P pieces: `stretch` (P,) is the number of that which each belongs to.
+    """P pieces of recognized stretches, means over each."""
 
-    `t` (P,) s and `walked_m` (P,) when and after how much of the walk, `place` (P, 3) m there, `known` (P, 3) m the
-    place in the known frame, `heading` (P,) rad the direction there, `turn` (P,) rad by how much it is turned from that
-    of the walk, `map_sigma` (P, 3) m and `count` (P,) independent errors that the means are of.
-    """
-
-    stretch: Ints
-    t: Floats
-    walked_m: Floats
-    place: Floats
-    known: Floats
-    heading: Floats
-    turn: Floats
-    map_sigma: Floats
-    count: Floats
+    stretch: Ints  # (P,) number of the stretch
+    t: Floats  # (P,) s, when it was walked
+    walked_m: Floats  # (P,) since the start of the walk
+    place: Floats  # (P, 3) m, in the walk's frame
+    known: Floats  # (P, 3) m, in the known frame
+    heading: Floats  # (P,) rad, direction of walking in the known frame
+    turn: Floats  # (P,) rad, of that from the one in the walk's frame
+    map_sigma: Floats  # (P, 3) m, of the known walk
+    count: Floats  # (P,) independent errors that the means are of
 
     def of(self, members: Sequence[int]) -> Pieces:
         """Return those of some stretches."""
@@ -99,24 +94,14 @@ class Pieces:
 
 @dataclass(frozen=True)
 class Location:
-    """Where a walk is in the frame of a known one.
+    """Where a walk is in the frame of a known one."""
 
-    Attributes
-    ----------
-    start : (3,) m, the origin of the walk's frame in the known one.
-    turn_rad : counterclockwise, from the walk's frame to the known one.
-    covariance : (4, 4) of start (m) and turn (rad).
-    expected_false : recognitions as good as this one that chance would make.
-    stretches : that agree on it; their `earlier` are points of the known walk.
-    pieces : of these.
-    """
-
-    start: Floats
-    turn_rad: float
-    covariance: Floats
-    expected_false: float
-    stretches: tuple[Stretch, ...]
-    pieces: Pieces
+    start: Floats  #: (3,) m, the origin of the walk's frame in the known one.
+    turn_rad: float  #: Counterclockwise, from the walk's frame to the known one.
+    covariance: Floats  #: (4, 4) of start (m) and turn (rad).
+    expected_false: float  #: Recognitions as good as this one that chance would make.
+    stretches: tuple[Stretch, ...]  #: That agree on it; their `earlier` are points of the known walk.
+    pieces: Pieces  #: Of these.
 
     @property
     def map_variance(self) -> Floats:

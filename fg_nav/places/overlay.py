@@ -38,7 +38,7 @@ import numpy as np
 from fg_nav.arrays import MAD_TO_SIGMA, Floats
 from fg_nav.places.alignment import BESIDE, MIN_LISTED, USUAL_DECAY, ChanceLevel
 from fg_nav.places.recognition import MAX_EXPECTED, NOTHING, Recognition, Stretch
-from fg_nav.places.signature import MIN_POINTS, SPACING_M, TURNED, Signature, remove_common_field
+from fg_nav.places.signature import MIN_POINTS, TURNED, Signature, remove_common_field
 
 PIECE = 80  # Points, 40 m: over as much odometry is good to 0.4 m.
 HOP = PIECE // 2  # Points from piece to piece.
@@ -100,7 +100,7 @@ def overlay_known(path: Signature, known: Signature) -> Recognition:
             expected = float(chance.expected(np.array(score)))
             found.append(Stretch(later, earlier[::-1] if way else earlier, bool(way), score, expected))
             left[way, max(j - BESIDE, 0) : j + BESIDE + 1] = -np.inf
-    return Recognition(tuple(sorted(found, key=lambda one: -one.score)), chance, count * size * SPACING_M**2)
+    return Recognition(tuple(sorted(found, key=lambda one: -one.score)), chance)
 
 
 def _covariance(field: Floats, size: int) -> Floats:

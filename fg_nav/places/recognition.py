@@ -22,8 +22,6 @@ with the odds of their scores only,
 A long walk is searched part by part, of `PART_M` each. What of a part was recognized for sure is compared with no later
 one, so the cost grows with the ground that is covered times the walk.
 
-Tie. Along the path as sharp as the alignment, a mean over `AVERAGE_M`; to the side as wide as a corridor.
-
 Sharpness. A piece of a stretch is weighed at shifts s of the earlier pass about its alignment. With L(i, j) the log
 likelihood ratio of points i and j, between two points by a cubic spline of the features, and all s as likely before,
 
@@ -46,8 +44,7 @@ With Rot(psi) the turn of the earlier part into the later part's frame,
     consistency maximization).
 
 The set that is kept is the heaviest of greedy cliques, a stretch's weight being minus the logarithm of its expected
-number of false recognitions. A stretch by itself has to be sure: `LONE_EXPECTED`. One that agrees with a sure one may
-be less so, for an accident would have to happen at the one place where it agrees.
+number of false recognitions. A stretch by itself has to be sure (`LONE_EXPECTED`); one that agrees with it less so.
 """
 
 from __future__ import annotations
@@ -94,22 +91,13 @@ MAX_STARTS = 20  # Stretches that a clique is grown from.
 
 @dataclass(frozen=True)
 class Stretch:
-    """A stretch that was recognized as an earlier one.
+    """A stretch that was recognized as an earlier one."""
 
-    Attributes
-    ----------
-    later, earlier : (M,) points of the signature that are one place, in the order of the later walk. `earlier` may lie
-        between two points.
-    opposite : whether it was walked in the opposite direction.
-    score : log likelihood ratio of one place over two, of the model, nats.
-    expected_false : false recognitions as good as this one that are expected in the whole walk.
-    """
-
-    later: Floats
-    earlier: Floats
-    opposite: bool
-    score: float
-    expected_false: float
+    later: Floats  #: (M,) points of the signature, of which each is one place with that of `earlier`.
+    earlier: Floats  #: (M,) in the order of the later walk; they may lie between two points.
+    opposite: bool  #: Whether it was walked in the opposite direction.
+    score: float  #: Log likelihood ratio of one place over two, of the model, nats.
+    expected_false: float  #: False recognitions as good as this one that are expected in the whole walk.
 
     @property
     def length_m(self) -> float:
@@ -127,27 +115,20 @@ class Recognition:
 
     stretches: tuple[Stretch, ...]
     chance: ChanceLevel
-    area_m2: float
 
 
-NOTHING = Recognition((), measure_chance(np.zeros(0), 0.0, 0.0), 0.0)  # Of a path too short to return on.
+NOTHING = Recognition((), measure_chance(np.zeros(0), 0.0, 0.0))  # Of a path too short to return on.
 
 
 def recognize(path: Signature, uncertainty: Uncertainty = Drift()) -> Recognition:
-    """Find the stretches of a path that were walked before.
-
-    Parameters
-    ----------
-    path : the field along it.
-    uncertainty : of one place of the path relative to another.
-    """
+    """Find the stretches of a path that were walked before; `uncertainty` is of a place relative to another."""
     if len(path) < MIN_POINTS:
         return NOTHING
     pairs = find_candidates(path, uncertainty)
     if not (len(pairs.same) or len(pairs.opposite)):
         return NOTHING
     features = whiten(path)
-    chance, area = _measure_chance(features, features, pairs)
+    chance = _measure_chance(features, features, pairs)
     # part by part, along all that was walked for the first time
     part = np.arange(len(features) // BLOCK) * BLOCK * SPACING_M // PART_M
     is_first, stretches = np.ones(len(part), dtype=bool), list[Stretch]()
@@ -159,7 +140,7 @@ def recognize(path: Signature, uncertainty: Uncertainty = Drift()) -> Recognitio
         for one in weighed:
             if one.expected_false < SURE_EXPECTED:
                 is_first[-(-int(one.later[0]) // BLOCK) : (int(one.later[-1]) + 1) // BLOCK] = False
-    return Recognition(tuple(sorted(stretches, key=lambda stretch: -stretch.score)), chance, area)
+    return Recognition(tuple(sorted(stretches, key=lambda stretch: -stretch.score)), chance)
 
 
 def recognize_known(path: Signature, known: Signature) -> Recognition:
@@ -174,17 +155,17 @@ def recognize_known(path: Signature, known: Signature) -> Recognition:
     features, old = whiten(path, longer), whiten(known, longer)
     everywhere = pair_all(len(features), len(old))
     pairs = Candidates(everywhere, everywhere)
-    chance, area = _measure_chance(features, old, pairs)
-    return Recognition(tuple(_search(features, old, pairs, chance, len(known))), chance, area)
+    chance = _measure_chance(features, old, pairs)
+    return Recognition(tuple(_search(features, old, pairs, chance, len(known))), chance)
 
 
-def _measure_chance(features: Features, old: Features, pairs: Candidates) -> tuple[ChanceLevel, float]:
+def _measure_chance(features: Features, old: Features, pairs: Candidates) -> ChanceLevel:
     """Measure what chance does over pairs of blocks with an earlier path, from an even part of their area, m^2."""
     area = pairs.area_m2
     every = int(np.ceil(area / MAX_CHANCE_M2)) if area else 1
     thin = [(other.negate(), some.thin(every)) for other, some, _ in _list_relations(old, pairs)]
     scores = np.concatenate([separate(align(features, other, some)).score for other, some in thin])
-    return measure_chance(scores, sum(some.area_m2 for _, some in thin), area), area
+    return measure_chance(scores, sum(some.area_m2 for _, some in thin), area)
 
 
 def _list_relations(old: Features, pairs: Candidates) -> Iterator[tuple[Features, BlockPairs, bool]]:

@@ -1,23 +1,8 @@
-"""The places of a walk in a file, for later walks in the same building.
+"""The places of a walk in a file, for later walks in the same building (docs/formats.md#saved-places has its table).
 
 What is kept is the signature of the solved walk (`signature`), some hundred bytes a meter, and how well its places are
-known: with them a later walk recognizes where it is (`location`). No sample of the recording is in the file.
-
-The file is an archive of numpy arrays (.npz) that is read without pickle:
-
-============ ======== ==============================================================================
-format       text     `FORMAT`
-version      int      of this table; a reader refuses what is newer
-made_by      text     the version of fg-nav
-recording    text     name of the file of the walk; empty where it has none
-distance_m   (K,)     walked so far, m
-t            (K,)     s, in the recording's time
-position     (K, 3)   m, east, north, up in the walk's frame
-heading      (K,)     rad, counterclockwise from east: the direction of walking
-field        (K, 3)   uT, along the walking direction, to its left, and up
-seen         (K,)     bool, whether the magnetometer read there
-sigma_m      (K, 3)   m, of the position: east, north, up
-============ ======== ==============================================================================
+known: with them a later walk recognizes where it is (`location`). No sample of the recording is in the file, an archive
+of numpy arrays (.npz) that is read without pickle.
 """
 
 from __future__ import annotations
@@ -63,26 +48,16 @@ def trace_places(
 ) -> SavedPlaces:
     """Return field and position along a solved walk; arguments as `trace_signature`; sigmas (F, 3) m at F footfalls.
 
-    Raises
-    ------
-    PlacesError
-        If the walk is too short to be recognized.
+    Raises `PlacesError` if the walk is too short to be recognized.
     """
     path = trace_signature(t, position, nav_R_body, mag)
     if len(path) < MIN_POINTS:
         raise PlacesError("the walk is too short for its places to be saved: it has to lead over 20 m or more.")
-    sigma = interpolate_columns(path.t, footfall_t, footfall_sigma_m)
-    return SavedPlaces(path, sigma)
+    return SavedPlaces(path, interpolate_columns(path.t, footfall_t, footfall_sigma_m))
 
 
 def write_places(file: Path, places: SavedPlaces) -> None:
-    """Write places; an older file is replaced.
-
-    Raises
-    ------
-    PlacesError
-        If `read_places` would refuse them.
-    """
+    """Write places; an older file is replaced. Raises `PlacesError` if `read_places` would refuse them."""
     about = {"format": FORMAT, "version": VERSION, "made_by": f"fg-nav {find_version()}", "recording": places.recording}
     arrays: Arrays = {name: np.array(value) for name, value in about.items()} | {"sigma_m": places.sigma_m}
     arrays |= {one.name: getattr(places.path, one.name) for one in fields(Signature)}
@@ -104,10 +79,8 @@ def is_places(file: Path) -> bool:
 def read_places(file: Path) -> SavedPlaces:
     """Read places, and check them.
 
-    Raises
-    ------
-    PlacesError
-        If the file cannot be read, holds no places, is of a newer version, or has values that cannot be.
+    Raises `PlacesError` if the file cannot be read, holds no places, is of a newer version, or has values that cannot
+    be.
     """
     try:
         arrays = _load(file)

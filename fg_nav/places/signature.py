@@ -14,9 +14,8 @@ so that a foot counts while it moves and a stance, however long, is one point of
 
     b_along = b . u,    b_left = b . l,    b_up.
 
-D b_along is the step of the magnetic potential. This mean repeats, and the value at a footfall does not: coherence of
-two passes 0.35 m (rms) apart, wavelengths of 5 to 10 m, 0.92-0.95, 0.7-0.8, 0.6-0.9 (along, left, up) against 0.70,
-0.5, 0.6 (`scripts/place_recognition.py coherence`).
+This mean repeats, and the value at a footfall does not: coherence of two passes 0.35 m (rms) apart, wavelengths of 5 to
+10 m, 0.92-0.95, 0.7-0.8, 0.6-0.9 against 0.70, 0.5, 0.6 (`scripts/place_recognition.py coherence`).
 
 The walking direction is that of a chord of 3 m. In reverse of the walk b_along and b_left change sign, b_up does not.
 
@@ -81,24 +80,14 @@ TURNED = np.array([-1.0, -1.0, 1.0])  # Signs of along, left, up there.
 
 @dataclass(frozen=True)
 class Signature:
-    """The field along a path, at K points that are `SPACING_M` apart.
+    """The field along a path, at K points that are `SPACING_M` apart."""
 
-    Attributes
-    ----------
-    distance_m : (K,) walked so far.
-    t : (K,) s, when the middle of the piece was passed.
-    position : (K, 3) m in nav.
-    heading : (K,) rad, counterclockwise from east: the direction of walking.
-    field : (K, 3) uT along the walking direction, to its left, and up.
-    seen : (K,) whether the magnetometer read there.
-    """
-
-    distance_m: Floats
-    t: Floats
-    position: Floats
-    heading: Floats
-    field: Floats
-    seen: Bools
+    distance_m: Floats  #: (K,) walked so far.
+    t: Floats  #: (K,) s, when the middle of the piece was passed.
+    position: Floats  #: (K, 3) m in nav.
+    heading: Floats  #: (K,) rad, counterclockwise from east: the direction of walking.
+    field: Floats  #: (K, 3) uT along the walking direction, to its left, and up.
+    seen: Bools  #: (K,) whether the magnetometer read there.
 
     def __len__(self) -> int:
         return len(self.t)
@@ -107,12 +96,8 @@ class Signature:
 def trace_signature(t: Floats, position: Floats, nav_R_body: Floats, mag: Floats) -> Signature:
     """Return the field and pose along a path, averaged over equal distances.
 
-    Parameters
-    ----------
-    t : (N,) s, rising.
-    position : (N, 3) m in nav, of the sensor at each sample.
-    nav_R_body : (N, 3, 3) its attitude.
-    mag : (N, 3) uT, calibrated body field; NaN rows where there is no reading.
+    `t` (N,) s, rising; `position` (N, 3) m in nav; `nav_R_body` (N, 3, 3); `mag` (N, 3) uT, calibrated body field, NaN
+    rows where there is no reading.
     """
     read = np.asarray(np.isfinite(mag).all(axis=1))
     # distance over ground

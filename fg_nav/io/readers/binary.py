@@ -1,31 +1,16 @@
 """Recordings in binary files: published sets of walks in MATLAB files, each with its truth, and ROS bags.
 
-PyShoe (Wagstaff et al., University of Toronto), processed trials of a LORD 3DM-GX5-25:
+PyShoe (Wagstaff et al., University of Toronto), of a LORD 3DM-GX5-25: `imu` (N, 6) acc m/s^2, gyr rad/s; `ts` (N,) s;
+`gt` (N, 3) m, the foot by motion capture, **left-handed**: y is negated here; where `gt_idx` (M,) is present, `gt`
+is (M, 3), surveyed points passed at these samples, from 0.
 
-=========== ======== ================================================================================
-`imu`       (N, 6)   acc m/s^2, gyr rad/s
-`ts`        (N,)     s
-`gt`        (N, 3)   m, foot position by motion capture, **left-handed**: y is negated here
-`gt_idx`    (M,)     where present, `gt` is (M, 3): surveyed points passed at these samples (from 0)
-=========== ======== ================================================================================
+gdlbio, of the same sensor on a shoe over surveyed footprints: `imu_data` (N, 6) acc, gyr; `timestamps` (N,) s;
+`strideIndex` (M,) a sample, from 0, in each stance, the first at the start; `GCP` (M, 2) m, its footprint,
+**left-handed** seen from above: y is negated here.
 
-gdlbio, walks of a LORD 3DM-GX5-25 on a shoe over surveyed footprints, one a stride; they are matched in time:
-
-=============== ======== ================================================================================
-`imu_data`      (N, 6)   acc m/s^2, gyr rad/s
-`timestamps`    (N,)     s
-`strideIndex`   (M,)     sample (from 0) in each stance of the shoe; the first is the start of the walk
-`GCP`           (M, 2)   m, footprint of each of them, **left-handed** seen from above: y is negated here
-=============== ======== ================================================================================
-
-BROAD (Laidig et al., Data 6(7), 2021), trials with optical orientation and position:
-
-=================================== ======== ======================================================
-`imu_acc`, `imu_gyr`, `imu_mag`     (N, 3)   m/s^2, rad/s, uT (the magnetometer repeats held samples)
-`opt_quat`                          (N, 4)   w, x, y, z: sensor to East-North-Up; NaN where unseen
-`opt_pos`                           (N, 3)   m; NaN where unseen
-`sampling_rate`                     scalar   Hz: the samples are even
-=================================== ======== ======================================================
+BROAD (Laidig et al., Data 6(7), 2021): `imu_acc`, `imu_gyr`, `imu_mag` (N, 3) m/s^2, rad/s, uT, of which the last
+repeats held samples; `opt_quat` (N, 4) w, x, y, z, sensor to East-North-Up, and `opt_pos` (N, 3) m, NaN where unseen;
+`sampling_rate` Hz: the samples are even.
 
 ROS 1 and 2, by the extra `ros` (rosbags): a `.bag`, a folder with `metadata.yaml`, a `.db3` or `.mcap` alone. Of topics
 with `sensor_msgs/Imu` one is taken: force and rate, unless covariance[0] = -1 says not measured, at `header.stamp`, or
@@ -71,8 +56,7 @@ def read_pyshoe(content: Content) -> RawRecording:
     path, variables = content.path, content.load_variables()
     inertial = mat_array(variables, "imu", path, columns=6)
     t = _take(variables, "ts", path, None, "imu", len(inertial))
-    truth: Truth | None = None
-    gt = variables.get("gt")
+    truth, gt = None, variables.get("gt")
     if gt is not None and gt.ndim == 2 and gt.shape[1] == 3:  # the stair trials give one height a landing
         sample, like = np.arange(len(t)), "imu"
         if "gt_idx" in variables:
@@ -95,7 +79,7 @@ def read_gdlbio(content: Content) -> RawRecording:
     path, variables = content.path, content.load_variables()
     inertial = mat_array(variables, "imu_data", path, columns=6)
     t = _take(variables, "timestamps", path, None, "imu_data", len(inertial))
-    truth: Truth | None = None
+    truth = None
     if {"strideIndex", "GCP"} <= variables.keys():
         sample = mat_array(variables, "strideIndex", path)
         whole = ((sample >= 0) & (sample < len(t)) & (sample == np.round(sample))).all()

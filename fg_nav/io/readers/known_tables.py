@@ -2,15 +2,15 @@
 
 SensorConnect (LORD/MicroStrain) names channels behind the sensor, `inertial-6253.76535:scaledAccelX`; those of a
 filter in the sensor have `:valid` behind them; rows of other packets, without acc and gyr, are left out. OpenShoe has
-17 columns by blanks without a header. In YEI's log a comment names the columns; `Corrected` goes before `Raw`. That of
-VectorNav, as INSTINCT converts it, is a table as any. APDM exports all Opals of a session: *format 7* has three header
-rows, `Format=7,5718,,,Lumbar,...` with number and name of each sensor above its columns, `Time,Accelerometer,,,...` and
-the axes; the other has keys, then `Time,Lumbar/Acceleration/X,...`, then a row of units. Consensys of Shimmer has a row
-of names, `Shimmer_40AC_Accel_LN_X_CAL`, and one of units, perhaps below `"sep=;"`; `LN` is of low noise and in the
-gyroscope's frame, `WR` of wide range and another chip.
+17 columns by blanks without a header. YEI's log names the columns in a comment; `Corrected` goes before `Raw`. APDM
+exports all Opals of a session: *format 7* has three header rows, `Format=7,5718,,,Lumbar,...` with number and name of
+each sensor above its columns, `Time,Accelerometer,,,...` and the axes; the other has keys, then
+`Time,Lumbar/Acceleration/X,...`, then a row of units. Consensys of Shimmer has a row of names,
+`Shimmer_40AC_Accel_LN_X_CAL`, and one of units, perhaps below `"sep=;"`; `LN` is of low noise and in the gyroscope's
+frame, `WR` of wide range and another chip.
 
-Some magnetometers are in units of the local field. A path uses the direction and its changes along the walk, not the
-strength: one unit is taken for the field of most of Europe and North America.
+In units of the local field one is taken for that of most of Europe and North America: a path uses the direction and its
+changes, not the strength.
 """
 
 from __future__ import annotations
@@ -19,13 +19,12 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.columns.headers import GAUSS_UT, KNOWN_UNITS, Quantity, find_factor, read_header
+from fg_nav.columns.headers import GAUSS_UT, find_factor, find_scale, read_header
 from fg_nav.columns.samples import SI_UNITS
 from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
@@ -38,7 +37,7 @@ from fg_nav.recording import Provenance, RawRecording
 from fg_nav.samples.plausibility import is_field_on_earth, measure_field_strength
 from fg_nav.truth import FootprintTruth
 
-LOCAL_FIELD = np.nan  # As a unit: that of the local field.
+LOCAL_FIELD = np.nan  # As a unit: that of the local field, as arbitrary ones are.
 _LOCAL_FIELD_UT = 48.0  # One unit of the local field: 25 to 65 uT on Earth, 48 in most of Europe and North America.
 
 
@@ -96,20 +95,6 @@ def pack_samples(
             remarks.append(f"{said}, of which it is none: left out")
     mag = None if mag is None else drop_held(mag, gyr)
     return RawRecording(t, samples["acc"], gyr, row, mag, truth, Provenance(content.path, format, tuple(remarks)))
-
-
-def find_scale(quantity: Quantity, unit: str, name: str, path: Path) -> float:
-    """Return the factor of a unit to SI or uT; of a magnetometer's arbitrary ones NaN, as `LOCAL_FIELD`.
-
-    Raises `FormatError` if it is not known.
-    """
-    factor = find_factor(quantity, unit)
-    if factor is None or (np.isnan(factor) and quantity != "mag"):
-        raise FormatError(
-            f"{path.name}: column '{name}' has the unit '{unit}', which is not known here: convert it to one of "
-            f"{KNOWN_UNITS[quantity]}."
-        )
-    return factor
 
 
 # LORD/MicroStrain SensorConnect: raw channels before those a filter has touched
@@ -289,10 +274,8 @@ def _name_by_rows(content: Content) -> TextTable:
 
 def read_apdm(content: Content) -> RawRecording:
     """Read one sensor of an export."""
-    path, found = content.path, find_apdm(content)
-    if found is None:
-        raise FormatError(f"{path.name} has no header of APDM: export it again.")
-    table, said = found
+    path = content.path
+    table, said = find_apdm(content) or (TextTable(content, content.fields()), list[str]())
     units, groups = [*said, *[""] * len(table.names)], dict[str, dict[Sensor, str]]()
     for match in filter(None, map(_PATH.match, table.names)):
         what = _QUANTITIES.get(match[2].lower())
@@ -304,10 +287,10 @@ def read_apdm(content: Content) -> RawRecording:
         group = f"{sensor}/{groups[sensor].get(what, NAMES[what])}".lstrip("/")
         names = [f"{group}/{axis}" for axis in "XYZ"]
         places = [find_column(name, table.names, path) for name in names]
-        scales = [find_scale(what, units[k] or SI_UNITS[what], table.names[k], path) for k in places]
+        scales = [find_scale(what, units[k] or SI_UNITS[what], table.names[k], path.name) for k in places]
         sensors[what] = Axes(names, np.array(scales))
     clock, samples, row = read_sensors(table, [table.names[0]], sensors)
-    t = scale_values(clock[:, 0], find_scale("time", units[0] or "s", "Time", path))
+    t = scale_values(clock[:, 0], find_scale("time", units[0] or "s", "Time", path.name))
     return pack_samples(content, "apdm", t, samples, sensors, row, [f"the sensor is '{sensor}'"])
 
 
@@ -332,10 +315,8 @@ def find_shimmer(content: Content) -> TextTable | None:
 
 
 def read_shimmer(content: Content) -> RawRecording:
-    """Read one device of an export of Consensys; raises `FormatError` without calibrated columns, units or a clock."""
-    path, table = content.path, find_shimmer(content)
-    if table is None:
-        raise FormatError(f"{path.name} has no calibrated columns of a Shimmer: export it again with them.")
+    """Read one device of an export of Consensys."""
+    path, table = content.path, find_shimmer(content) or TextTable(content, content.fields())
     # the row of units below the names, which some exports leave out
     below = content.lines[table.line + 1 : table.line + 2]
     units = [field for line in below for field in split_fields(line, table.separator)]
@@ -354,7 +335,7 @@ def read_shimmer(content: Content) -> RawRecording:
         said = {units[k] for k in (find_column(name, table.names, path) for name in axes.names) if k < len(units)}
         if len(said) != 1:
             raise FormatError(f"{path.name}: '{axes.names[0]}' has no one unit for its axes below it: export it again.")
-        sensors[what] = axes._replace(unit=find_scale(what, said.pop(), axes.names[0], path))
+        sensors[what] = axes._replace(unit=find_scale(what, said.pop(), axes.names[0], path.name))
     # the clock of the device, or of the session where it has none of its own; numbers before text
     clocks = [(match.string, match["clock_device"], match["clock"]) for match in matches if match["clock"]]
     own = [one for one in clocks if one[1] == device] or clocks

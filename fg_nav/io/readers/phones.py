@@ -3,28 +3,19 @@
 Of one table of all sensors (`TableFormat`) names are compared without their units, which are those of the app.
 SensorLog has **Apple's sign** and a clock for each sensor; `motion...` is without bias, and the field 0 until it is
 calibrated. AndroSensor has a row at a chosen rate; 2 Hz, as proposed, is too low. Physics Toolbox has a row whenever
-any sensor has a sample, in which the others hold their last one. HyperIMU names columns after the phone's chips;
-without `timestamp` it has a nominal time between the rows.
+any sensor has a sample, in which the others hold their last one. HyperIMU names columns after the phone's chips.
 
 phyphox (RWTH Aachen): each sensor has its own `Time (s)` since the start of the experiment, up is + on iPhones too. In
 the newer header, `X (m/s^2)`, the unit says the sensor, and the name of the file "Linear". `meta/device.csv` and
 `meta/time.csv` say phone and app, and when the experiment was started and paused. Pauses are left out of the time of
 the experiment: here they are put back, as gaps.
 
-Sensor Logger (Kelvin Choi), `time,seconds_elapsed,z,y,x`, in whole ns since 1970:
-
-============================= ===================================================== ===================================
-table                         on Android, or standardised                           on an iPhone
-============================= ===================================================== ===================================
-`TotalAcceleration`           specific force, m/s^2                                 absent
-`Accelerometer`, `Gravity`    the two parts of it, m/s^2                            the same with the sign turned
-`AccelerometerUncalibrated`   specific force, m/s^2                                 g, with the sign turned
-============================= ===================================================== ===================================
-
-`Metadata.csv` names the platform and whether units and signs were standardised, to those of Android. Where it is
-absent, an uncalibrated accelerometer that reads 1 at rest is that of an iPhone. The sign cannot be told from motion:
-mirrored forces fit a mirrored world. Source: UNITS.md, COORDINATES.md, CROSSPLATFORM.md of
-tszheichoi/awesome-sensor-logger.
+Sensor Logger (Kelvin Choi), `time,seconds_elapsed,z,y,x`, in whole ns since 1970. On Android, or standardised,
+`TotalAcceleration` is the specific force, m/s^2, `Accelerometer` and `Gravity` are its two parts, and
+`AccelerometerUncalibrated` is that too. An iPhone has no total, the two parts with the sign turned, and the
+uncalibrated one in g with the sign turned. `Metadata.csv` names the platform and whether units and signs were
+standardised. Where it is absent, an uncalibrated accelerometer that reads 1 at rest is that of an iPhone. Source:
+UNITS.md, COORDINATES.md, CROSSPLATFORM.md of tszheichoi/awesome-sensor-logger.
 
 Google's GnssLogger: records in lines that begin with their kind, below a header in lines with `#`. `UncalAccel`, utc in
 ms, elapsed since the phone's start in ns, x, y, z, and the bias in it, which is subtracted; `Accel` is without it.
@@ -34,14 +25,15 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.columns.headers import Quantity, find_factor, find_quantity
+from fg_nav.columns.headers import Quantity, find_factor, find_quantity, find_scale
 from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io.content import Content, split_fields, split_lines
@@ -95,9 +87,8 @@ class TableFormat:
     @np.errstate(over="ignore", invalid="ignore")  # of numbers that a damaged file may hold
     def read(self, content: Content) -> RawRecording:
         """Read a recording."""
-        path, table, notes = content.path, find_header(content, self.is_header), list[str]()
-        if table is None:
-            raise FormatError(f"{path.name} has no header with columns of sensors: record it again.")
+        path, notes = content.path, list[str]()
+        table = find_header(content, self.is_header) or TextTable(content, content.fields())
         plain = [re.sub(r"\s*\(.*$", "", name).strip().lower() for name in table.names]
         # time between the rows without stamps: by the rate that is given, or that in the first lines
         nominal_s = None
@@ -273,11 +264,10 @@ def _read_phyphox_table(file: Content) -> Iterator[Stream]:
     for sensor, columns in found.items():
         if sorted(columns) in (["x", "y", "z"], [""]):
             own, clock = [columns[axis] for axis in sorted(columns)], _TIME.fullmatch(table.names[0])
-            factors = [find_factor("time", clock[1] if clock else "s"), *(find_factor(sensor, unit) for _, unit in own)]
-            if None in factors:
-                raise FormatError(f"{file.path.name} has a unit that is not known in '{own[0][0]}': export it again.")
+            factors = [find_scale("time", clock[1] if clock else "s", table.names[0], file.path.name)]
+            factors += [find_scale(sensor, unit, name, file.path.name) for name, unit in own]
             values, row = table.read_columns([table.names[0], *(name for name, _ in own)])
-            values = scale_values(values, np.array(factors, dtype=np.float64))
+            values = scale_values(values, np.array(factors))
             yield Stream(sensor, values[:, 0], values[:, 1:], row, file.path.name)
 
 
@@ -316,12 +306,11 @@ def put_on_recording_clock(content: Content, t: Floats) -> Floats:
 
 # Sensor Logger
 
-_WHAT: dict[str, Sensor] = {
+_WHAT: dict[str, Sensor] = {  # Tables that are read, by the name of the file in lower case.
     "totalacceleration": "acc", "accelerometer": "acc", "gravity": "acc", "accelerometeruncalibrated": "acc",
     "gyroscope": "gyr", "gyroscopeuncalibrated": "gyr", "magnetometer": "mag", "magnetometeruncalibrated": "mag",
     "barometer": "pressure",
 }  # fmt: skip
-"""Tables that are read, by the name of the file in lower case."""
 
 _HPA = 100.0  # Pa.
 _MAX_FORCE_IN_G = 3.0  # A sensor at rest reads 1 in g, and 9.8 in m/s^2.
@@ -436,18 +425,15 @@ def read_gnss_logger(content: Content) -> RawRecording:
     lines, streams = split_lines(content.read_text()), list[Stream]()
     for what, kinds in _KINDS.items():
         kind = next((kind for kind in kinds if any(line.startswith(f"{kind},") for line in lines)), None)
-        if kind is not None:
-            own = [line if line.startswith(f"{kind},") else "" for line in lines]
-            streams.append(_read_records(content, what, kind, own))
+        if kind is None:
+            continue
+        # a table of the records of one kind, utc, elapsed, x, y, z[, bias], in which other lines are empty
+        own, has_bias = [line if line.startswith(f"{kind},") else "" for line in lines], "Uncal" in kind
+        text, width = "\n".join(own).encode(), 9 if has_bias else 6
+        names = [f"field {k + 1}" for k in range(max(width, *(line.count(",") + 1 for line in own)))]
+        records = replace(content, encoding="utf-8", opener=partial(io.BytesIO, text), opened={})
+        values, row = TextTable(records, names, first_line=1).read_numbers(range(2, width))
+        elapsed, xyz = values[:, 0], values[:, 1:4] - (values[:, 4:7] if has_bias else 0.0)
+        is_whole = bool((elapsed == np.rint(elapsed)).all() and np.abs(elapsed).max() < 2.0**53)
+        streams.append(Stream(what, elapsed.astype(np.int64) if is_whole else elapsed * 1e-9, xyz, row, kind))
     return join_streams(streams, content.path, "gnss-logger")
-
-
-def _read_records(content: Content, what: Sensor, kind: str, lines: Sequence[str]) -> Stream:
-    """Return the stream of a kind of record: kind, utc, elapsed, x, y, z[, bias]; other lines are empty."""
-    has_bias, text = "Uncal" in kind, "\n".join(lines).encode()
-    names = [f"field {k + 1}" for k in range(max(9 if has_bias else 6, *(line.count(",") + 1 for line in lines)))]
-    own = replace(content, encoding="utf-8", opener=lambda: io.BytesIO(text), opened={})
-    values, row = TextTable(own, names, first_line=1).read_numbers(range(2, 9 if has_bias else 6))
-    elapsed, xyz = values[:, 0], values[:, 1:4] - (values[:, 4:7] if has_bias else 0.0)
-    is_whole = bool((elapsed == np.rint(elapsed)).all() and np.abs(elapsed).max() < 2.0**53)
-    return Stream(what, elapsed.astype(np.int64) if is_whole else elapsed * 1e-9, xyz, row, kind)

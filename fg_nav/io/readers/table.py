@@ -1,12 +1,11 @@
-"""Any table of samples by the names of its columns; a folder or archive with one table a sensor.
+"""Any table of samples by the names of its columns; a folder or archive with one table a sensor (docs/formats.md).
 
-`fg_nav.columns` reads names and units and judges what they do not say. The user says the rest: `Content.columns` is
-what `--columns` maps, `Content.rate_hz` the rate of a table without stamps, `Content.sensor` which of several sensors.
-These have columns with names of their own, or rows: then a column names them, or their rows alternate.
+`Content.columns` is what `--columns` maps, `Content.rate_hz` the rate of a table without stamps, `Content.sensor` which
+of several sensors. These have columns with names of their own, or rows: then a column names them, or they alternate.
 
 Of tables of one sensor the columns say which it is, `wx`; else their unit, `X [dps]`; else the name of the file,
-`X_GYRO.txt`, `acc_walking_shin.csv`. What is left of these names is one for the sensors of a session. Tables are
-brought onto the gyroscope's clock (`fg_nav.io.streams`), then units are judged as those of one table.
+`X_GYRO.txt`. What is left of these names is one for the sensors of a session. Tables are brought onto the gyroscope's
+clock (`fg_nav.io.streams`), then units are judged as those of one table.
 """
 
 from __future__ import annotations
@@ -62,17 +61,13 @@ def recognizes(content: Content) -> bool:
         table = open_table(content)
     except FormatError:
         return False
-    kinds = find_kinds(table)
-    return "gyr" in kinds and not kinds.isdisjoint({"acc", "no gravity", "gravity"})
-
-
-def find_kinds(table: Table | None) -> set[str]:
-    """Which sensors' axes the header of a table names."""
     if table is None or not table.has_header:
-        return set()
+        return False
+    # sensors whose axes are named, or three of whose columns share their unit
     kinds: set[str] = {meaning.kind for meaning in map(read_header, table.names) if meaning and meaning.axis}
     by_unit: tuple[Quantity, ...] = ("acc", "gyr")
-    return kinds | {kind for kind in by_unit if kind not in kinds and find_three_by_unit(kind, table.names)}
+    kinds |= {kind for kind in by_unit if kind not in kinds and find_three_by_unit(kind, table.names)}
+    return "gyr" in kinds and not kinds.isdisjoint({"acc", "no gravity", "gravity"})
 
 
 def read(content: Content, format: str = "table") -> RawRecording:

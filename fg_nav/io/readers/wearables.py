@@ -7,14 +7,10 @@ Movesense, `{"Meas": {"IMU9": [{"Timestamp": ..., "ArrayAcc": [{"x": ..., ...}, 
 first of the 4 to 16 samples of a block; these are spread evenly up to the stamp of the next one; where blocks are
 missing, they come as in the blocks around. Blocks are taken wherever they stand: apps nest them differently.
 
-x-io NGIMU and x-IMU3: a table as any. The x-IMU3 writes a folder, `Inertial.csv` and `Magnetometer.csv`.
-
-Xsens, text of MT Manager and CSV of the DOT's app or PC SDK: `Acc_X` ... m/s^2, `Gyr_X` ..., and `Mag_X` ...
-in units of the local field; or in their place the changes of velocity (m/s) and the turns (quaternions) over each
-sample: over its period these are the mean specific force and rate. In MT Manager `SampleTimeFine`, 0.1 ms, begins again
-after a day; where it is empty, the packet counter over the rate of a line above the table is the time. That of a DOT,
-of 32 bits, is in us or 0.1 ms: the unit in which the samples come at a rate that a DOT has. Its app gives deg/s; the
-unit of the PC SDK is judged by the turn from sample to sample, else as that of any table, or by the bias at rest.
+Xsens, text of MT Manager and CSV of the DOT's app or PC SDK: `Acc_X` ... and `Gyr_X` ...; or in their place the changes
+of velocity (m/s) and the turns (quaternions) over each sample: over its period these are the mean specific force and
+rate. In MT Manager `SampleTimeFine` begins again after a day. That of a DOT, of 32 bits, is in the unit in which the
+samples come at a rate that a DOT has.
 """
 
 from __future__ import annotations
@@ -28,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Floats
 from fg_nav.columns.headers import find_factor, find_quantity
 from fg_nav.errors import FormatError
 from fg_nav.io.content import Content, choose_sensor, split_fields
@@ -77,8 +73,6 @@ def read_metawear(content: Content) -> RawRecording:
         if (what := _find_sensor(file)) is not None:
             name = _SENSOR.split(file.path.name)
             sessions.setdefault((name[0] if len(name) > 1 else "") or "session", {})[what] = file
-    if not sessions:
-        raise FormatError(f"{content.path.name} holds no file of a MetaWear: export the session again.")
     chosen, streams = choose_sensor(list(sessions), content.sensor, content.path, "sessions"), list[Stream]()
     for what, file in sessions[chosen].items():
         header = TextTable(file, file.fields())
@@ -150,23 +144,18 @@ def _read_blocks(blocks: list[dict[str, Any]], what: Sensor, name: str) -> Strea
             parts.append(xyz.reshape(-1, 3))
         except (TypeError, KeyError, ValueError, OverflowError):
             raise FormatError(f"{name}: block {k + 1} has no stamp, or other than x, y, z: export it again.") from None
-    stamps, _ = continue_counter(np.array(begins), 2.0**32, "Timestamp")
-    t = _spread_blocks(stamps * 1e-3, np.array([len(part) for part in parts[1:]], dtype=np.int64))
-    return Stream(what, t, scale_values(np.concatenate(parts), unit), np.arange(1, len(t) + 1), array)
-
-
-def _spread_blocks(stamps: Floats, sizes: Ints) -> Floats:
-    """Return sample stamps (N,) s, spread evenly between block `stamps` (B,) s; `sizes` (B,) are samples a block."""
+    stamps = continue_counter(np.array(begins), 2.0**32, "Timestamp")[0] * 1e-3
+    sizes = np.array([len(part) for part in parts[1:]], dtype=np.int64)
     stamps, sizes = stamps[sizes > 0], sizes[sizes > 0]
-    if not len(stamps):
-        return stamps
+    # sample period in each block: up to the next one, or the usual one where blocks are missing
     period = np.diff(stamps) / sizes[:-1]
     known = period[period > 0]
     usual = float(np.median(known)) if known.size else np.nan
-    step = np.append(period, usual)
+    step = np.append(period, usual)[: len(stamps)]
     step[~((step > 0) & (step < LOST_PERIODS * usual))] = usual
     within = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-    return np.asarray(np.repeat(stamps, sizes) + within * np.repeat(step, sizes))
+    t = np.repeat(stamps, sizes) + within * np.repeat(step, sizes)
+    return Stream(what, t, scale_values(np.concatenate(parts), unit), np.arange(1, len(t) + 1), array)
 
 
 # x-io
@@ -306,9 +295,7 @@ def _find_mt_header(content: Content) -> TextTable | None:
 
 def read_mt(content: Content) -> RawRecording:
     """Read an export of MT Manager."""
-    header = _find_mt_header(content)
-    if header is None:
-        raise FormatError(f"{content.path.name} has no header with PacketCounter: export it again from MT Manager.")
+    header = _find_mt_header(content) or TextTable(content, content.fields())
     sensors = _find_columns(header, content)
     clocks = [name for name in (_FINE, *_COUNTERS) if name in header]
     clock, samples, row = read_sensors(header, clocks, sensors)
@@ -353,33 +340,30 @@ def is_dot(content: Content) -> bool:
 
 def read_dot(content: Content) -> RawRecording:
     """Read an export of the app or a log of the PC SDK."""
-    header = find_header(content, lambda names: _FINE in names)
-    if header is None:
-        raise FormatError(f"{content.path.name} has no header with {_FINE}: export it again from the app.")
+    header = find_header(content, lambda names: _FINE in names) or TextTable(content, content.fields())
     sensors = _find_columns(header, content)
     known = [group for group in (_TURN, _ATTITUDE) if group != sensors["gyr"].names]
     turned = next((group for group in known if set(group) <= set(header.names)), ())
     values, samples, row = read_sensors(header, [_FINE, *turned], sensors)
-    t, remarks = _make_dot_time(values[:, 0], content)
+    # unit of the clock, in which the samples come at a rate of a DOT
+    ticks, remarks = continue_counter(values[:, 0], 2.0**32, _FINE)
+    step = median_period_s(ticks)
+    fitting = [unit for unit, size in _UNITS_S.items() if _RATES_HZ[0] <= 1.0 / (step * size) <= _RATES_HZ[1]]
+    if len(fitting) != 1:
+        raise FormatError(
+            f"{content.path.name}: {_FINE} steps by {step:.6g}, which is no rate of a DOT in us nor in 0.1 ms: read it "
+            f"as an MTi's, fg-nav inspect {shlex.quote(str(content.path))} --format xsens, or export it again."
+        )
+    if fitting == ["0.1 ms"]:
+        remarks = (f"{_FINE} is in 0.1 ms, as its steps of {step:g} show", *remarks)
+    t = ticks * _UNITS_S[fitting[0]]
+    # force and rate
     done, judged = _divide_by_period(samples, sensors, t), tuple[str, ...]()
     if sensors["gyr"].names == _GYR:
         turns = _find_turns(values[:, 1:], turned == _ATTITUDE) if turned else None
         scale, judged = _judge_rate_unit(t, samples["acc"], samples["gyr"], turns, content)
         samples["gyr"] = scale_values(samples["gyr"], scale)
     return pack_samples(content, "xsens-dot", t, samples, sensors, row, [*remarks, *done, *judged])
-
-
-def _make_dot_time(fine: Floats, content: Content) -> tuple[Floats, tuple[str, ...]]:
-    ticks, notes = continue_counter(fine, 2.0**32, _FINE)
-    step = median_period_s(ticks)
-    fitting = [unit for unit, size in _UNITS_S.items() if _RATES_HZ[0] <= 1.0 / (step * size) <= _RATES_HZ[1]]
-    if len(fitting) == 1:
-        said = (f"{_FINE} is in 0.1 ms, as its steps of {step:g} show",) if fitting == ["0.1 ms"] else ()
-        return ticks * _UNITS_S[fitting[0]], (*said, *notes)
-    raise FormatError(
-        f"{content.path.name}: {_FINE} steps by {step:.6g}, which is no rate of a DOT in us nor in 0.1 ms: read it as "
-        f"an MTi's, fg-nav inspect {shlex.quote(str(content.path))} --format xsens, or export it again."
-    )
 
 
 def _judge_rate_unit(
