@@ -7,59 +7,9 @@ from which on it is of no use. Others contradict walking itself, each between tw
 the weight is linear in the logarithm. The heaviest sign decides, and signs of `MANY` together spoil a path as one of
 weight 2 does.
 
-==================== ===============================================================================================
-error, m             measure
-==================== ===============================================================================================
-region               claimed 95 % region of the end: no use beyond a tenth of the way
-bias                 turning about up that the solution leaves in the rests, linear between them, along the way; a rest
-                     counts by its excess over its sway. Without rests, the excess of the bias about level axes, which
-                     gravity shows, over the solution's prior about up
-hidden turning       turning about up in clipped peaks of the rate, one error in all peaks to the left and one in all to
-                     the right; where neither field nor fixes show the heading
-gravity              share by which the vertical force of a stride, from rest to rest, is not that of gravity, times the
-                     distance from the start: a scale. Median over the strides
-long stride          by which it is longer than half as much again as the walk's fastest strides would be in its time
-no footfall          motion, at the usual speed, before the first footfall and after the last; between them the residual
-                     velocity where a stance was due: after 1.6 usual swings, and 1.2 s; 2 s in any case
-cut                  motion, at the usual speed, in the parts of a recording that a hole cut off
-unseen               half of it in the gaps; the other foot sees too
-==================== ===============================================================================================
-
-==================== ======== ========= ======= =====================================================================
-contradiction        unit     doubtful  no use  basis
-==================== ======== ========= ======= =====================================================================
-footfalls            1/.      1/4       1/3     three strides or fewer are no walk
-velocity             share    0.15      0.3     strapdown with the solution's attitude and bias from one footfall to
-                                                the next: residual velocity over the fastest of the stride, half of
-                                                which is an error of the stride's length. Median
-open strides         share    0.2       0.5     strides with a residual of more than 0.3: no stance in some of them
-tilt                 deg      2         5       the same of the vertical: a gyroscope turns 100 deg in a swing, and a
-                                                scale error of 1 per cent makes 1 deg. Median
-turning              rad/s    0.8       1.2     rate in the stillest moment of a stance: 0.1 to 0.4 of a standing foot;
-                                                twice the limits in a run. Median
-shaking              rad/s    0.3       0.9     rate above 6 Hz in stances, where a shoe on the ground has come to
-                                                rest; twice the limits in a run. Median
-standing still       1/m      1/0.15    1/0.1   the median stride is shorter: no walk, or on the spot
-speed, height rate,  -        -         -       of a person, and why: `fg_nav.verdict.limits`; of the whole path,
-axes                                            before the first and after the last footfall too
-climbing             m        0.5       1       95 % quantile of the height of a stride: stairs make 0.36
-nominal rate         -        -         -       no stamps: the rate is nominal. Weight 0.8; its sigma is in those of
-                                                positions and distance
-smoothed             -        100       10^4    power of the force at 1 to 4 Hz over that at 8 to 12: 3 to 25 at a foot
-high-pass            nats     7         14      evidence for one in the gyroscope (`fg_nav.detection.sensor_processing`)
-bad samples          share    0.005     0.05    unused ones: at 200 Hz one in every stride, or ten; others may be as
-                                                wrong and unnoticed
-heading              deg      30        90      the solution's own sigma at the end
-rate                 -        -         -       named beside other signs: below 80 Hz, as a heel strikes within 20 ms
-worn                 -        -         -       the turning is not that of a foot (`detection.mount`): names its like;
-                                                a thigh is of no use
-magnetometer         -        -         -       its axes contradict the gyroscope's: weight 0.8, as it is left out
-height               sigma    -         -       a closed walk ends at another height by that many sigmas: weight 0.8
-                                                from 3 on, as it may be another floor
-==================== ======== ========= ======= =====================================================================
-
-In a pocket only signs that need no stances count: unseen, cut, bad samples, number of strides, speed, longest stride,
-axes, region and sigma of the heading. A path without a stride is judged by its samples alone.
+Each sign is a function of `WalkSigns`, which says what it measures, and on what its limits (doubtful, no use) rest;
+those that online lines share are in `fg_nav.verdict.limits`. docs/files.md lists all of them for people.
+In a pocket only signs that need no stances count; a path without a stride is judged by its samples alone.
 """
 
 from __future__ import annotations
@@ -101,7 +51,7 @@ DUE_SWINGS, DUE_S = 1.6, 1.2  # A stance is due when a swing has lasted for this
 LATEST_S = 2.0  # in any case after this: where most stances were missed no swing is usual.
 MOVING_RAD_S = 1.0  # Mean rate of a moving foot before or after all footfalls.
 OPEN_SHARE = 0.3  # Residual velocity at a stance over the swing's speed: its stride is wrong by half of it.
-LOW_RATE_HZ = 80.0  # A heel strikes within 20 ms.
+LOW_RATE_HZ = 80.0
 CLOSED_SHARE = 0.02  # Distance of the end from the start, over the way, of a walk that ends where it began.
 
 
@@ -169,16 +119,15 @@ class WalkSigns:
 
 
 def measure_turning_at_stances(observed: WalkSigns) -> Reason:
-    """Rate of the sensor in its stances."""
+    """Median rate in the stillest moments of the stances: 0.1 to 0.4 rad/s of a standing foot, twice that in a run."""
     table = observed.table
     rate = np.median(np.linalg.norm(observed.recording.gyr[table.sample] - table.gyro_bias, axis=1))
-    return Reason(
-        weigh(rate / observed.gait, 0.8, 1.2), f"the foot does not stand: it turns by {rate:.1f} rad/s in its stances"
-    )
+    words = f"the foot does not stand: it turns by {rate:.1f} rad/s in its stances"
+    return Reason(weigh(rate / observed.gait, 0.8, 1.2), words)
 
 
 def measure_shaking(observed: WalkSigns) -> Reason:
-    """Ringing of the sensor on the shoe in stances."""
+    """Median rate above 6 Hz in the stances, where a shoe on the ground has come to rest: twice as much in a run."""
     gyr, stances = observed.recording.gyr, observed.walk.stances
     power = sum((axis - remove_fast(axis, observed.recording.period_s)) ** 2 for axis in gyr.T)  # by axis: less memory
     mean = np.add.reduceat(power, np.column_stack([stances.start, np.minimum(stances.stop, len(gyr) - 1)]).ravel())[::2]
@@ -192,7 +141,8 @@ def measure_shaking(observed: WalkSigns) -> Reason:
 def measure_time_without_footfall(observed: WalkSigns) -> Reason | None:
     """Untracked motion before the first footfall and after the last, and error of strides in which a stance was due.
 
-    Between two footfalls the strapdown goes on: half of the variance of the residual velocity v of a stride of time T
+    A stance is due after 1.6 usual swings and 1.2 s, in any case after 2 s. Outside, motion counts at the usual speed;
+    between two footfalls the strapdown goes on: half of the variance of the residual velocity v of a stride of time T
     is that of a random walk, which leaves a position error v T / sqrt(12); the other half grew evenly, and leaves none.
     """
     stances, t = observed.walk.stances, observed.recording.t
@@ -224,7 +174,7 @@ def measure_time_without_footfall(observed: WalkSigns) -> Reason | None:
 
 
 def measure_cut(observed: WalkSigns) -> Reason:
-    """Part of the recording that a hole cut off."""
+    """Motion, at the usual speed, in the parts of the recording that a hole cut off."""
     cut_s = observed.walk.recording.provenance.cut_samples * observed.recording.period_s
     words = f"{cut_s:.0f} s of the recording are cut off by a hole, and not used"
     speed = max(observed.usual_m_s, observed.way / max(observed.recording.duration_s, 1e-9))
@@ -232,7 +182,7 @@ def measure_cut(observed: WalkSigns) -> Reason:
 
 
 def measure_gap(observed: WalkSigns) -> Reason:
-    """Motion in the gaps, at one sigma: half of each at the usual speed, root sum square of all."""
+    """Motion in the gaps, at one sigma: half of each at the usual speed, root sum square of all; either foot sees."""
     longest_s = float(observed.recording.gaps.unseen_s.max(initial=0.0))
     words, beside = f"nothing was recorded for {longest_s:.2f} s amid the walk", observed.walk.beside
     unseen_s = observed.recording.gaps.unseen_s
@@ -246,14 +196,14 @@ def measure_gap(observed: WalkSigns) -> Reason:
 
 
 def check_rate(observed: WalkSigns) -> Reason | None:
-    """A low sample rate, as a possible cause of other signs."""
+    """A low sample rate, named as a possible cause of other signs: a heel strikes within 20 ms."""
     rate_hz = 1.0 / observed.recording.period_s
     words = f"the sample rate of {rate_hz:.0f} Hz is low for a foot"
     return Reason(NAMING, words) if rate_hz < LOW_RATE_HZ else None
 
 
 def check_mount(observed: WalkSigns) -> Reason | None:
-    """Turning that contradicts the stated mount: of a thigh on a foot, of a foot in a pocket, or of neither."""
+    """Turning that contradicts the mount as given: a thigh's on a foot, a foot's in a pocket, or names its like."""
     turning = measure_turning(observed.recording)
     wearing = turning.wearing
     on_foot = observed.walk.options.mount != "pocket"
@@ -275,7 +225,10 @@ def check_mount(observed: WalkSigns) -> Reason | None:
 
 
 def measure_velocity_closure(observed: WalkSigns) -> Reason:
-    """Residual velocity of the strides where the foot stands."""
+    """Median residual velocity of the strides where the foot stands, over the fastest of the swing.
+
+    Half of it is an error of the stride's length.
+    """
     left = np.median(np.linalg.norm(observed.ends[0], axis=1))
     share = left / max(np.median(observed.fastest), 1e-3)
     words = (
@@ -285,7 +238,7 @@ def measure_velocity_closure(observed: WalkSigns) -> Reason:
 
 
 def count_open_strides(observed: WalkSigns) -> Reason:
-    """Share of the strides with a large residual velocity."""
+    """Share of the strides with a residual velocity above `OPEN_SHARE`: there are stances missing in them."""
     left = np.linalg.norm(observed.ends[0], axis=1) / max(np.median(observed.fastest), 1e-3)
     share = float(np.mean(left > OPEN_SHARE))
     words = f"in {100 * share:.0f} % of the strides velocity does not close by a third of the swing's: no stances there"
@@ -293,7 +246,10 @@ def count_open_strides(observed: WalkSigns) -> Reason:
 
 
 def measure_tilt_closure(observed: WalkSigns) -> Reason:
-    """Error of the vertical from footfall to footfall."""
+    """Median error of the vertical from footfall to footfall, by the gyroscope alone.
+
+    It turns 100 deg in a swing, of which a scale error of 1 % makes 1 deg.
+    """
     up = observed.table.nav_R_body[1:, 2]
     tilt_deg = np.median(np.degrees(np.arccos(np.clip((observed.ends[1] * up).sum(axis=1), -1.0, 1.0))))
     words = (
@@ -303,7 +259,7 @@ def measure_tilt_closure(observed: WalkSigns) -> Reason:
 
 
 def measure_stride(observed: WalkSigns) -> Reason:
-    """Median length of the strides."""
+    """Median length of the strides: shorter ones are no walk, or on the spot."""
     length = np.median(observed.lengths)
     return Reason(weigh(1.0 / max(length, 1e-3), 1 / 0.15, 1 / 0.1), f"no walking: the median stride is {length:.2f} m")
 
@@ -331,7 +287,7 @@ def measure_speed(observed: WalkSigns) -> Reason:
 
 
 def measure_gravity(observed: WalkSigns) -> Reason:
-    """Mean vertical force of the strides, which begin and end at rest, against gravity."""
+    """Median vertical force of the strides, which begin and end at rest, against gravity: a scale of the path."""
     force = GRAVITY_M_S2 + observed.ends[0][:, 2] / np.diff(observed.table.t)
     moved = observed.table.position[:, :2] - observed.table.position[0, :2]
     reach = float(np.hypot(*moved.T).max())
@@ -339,13 +295,13 @@ def measure_gravity(observed: WalkSigns) -> Reason:
 
 
 def measure_climbing(observed: WalkSigns) -> Reason:
-    """Height of the strides."""
+    """95 % quantile of the height of a stride: stairs make 0.36 m."""
     climb = float(np.quantile(np.abs(observed.strides[:, 2]), 0.95))
     return Reason(weigh(climb, 0.5, 1.0), f"strides climb or fall by {climb:.1f} m, more than stairs do")
 
 
 def compare_bias(observed: WalkSigns) -> Reason:
-    """Turning about up that the solution's bias leaves in the rests.
+    """Turning about up that the solution's bias leaves in the rests; a rest counts by its excess over its sway.
 
     Without a rest gravity shows the bias about level axes: where it exceeds the solution's prior about up, it is
     assumed to be as large there.
@@ -385,7 +341,7 @@ def measure_heading_sigma(observed: WalkSigns) -> Reason:
 
 
 def measure_hidden_turning(observed: WalkSigns) -> Reason | None:
-    """Weigh the heading error that rebuilt gyroscope peaks leave in a filter; a graph has it in its sigmas."""
+    """Heading error that rebuilt gyroscope peaks leave in a filter; a graph has it in its sigmas."""
     recording, solution = observed.recording, observed.solution
     peaks = recording.peaks[1]
     if solution.graph or not peaks.run.any():
@@ -411,7 +367,7 @@ def measure_position_sigma(observed: WalkSigns) -> Reason:
 
 
 def compare_heights(observed: WalkSigns) -> Reason | None:
-    """Height of the end of a closed walk."""
+    """Height of the end of a closed walk, in its sigmas; light, as it may be another floor."""
     table = observed.table
     east, north, up = table.position[-1] - table.position[0]
     sigma = float(table.position_sigma[-1, 2])
@@ -422,7 +378,7 @@ def compare_heights(observed: WalkSigns) -> Reason | None:
 
 
 def check_mag_axes(observed: WalkSigns) -> Reason | None:
-    """Axes of the magnetometer that contradict the gyroscope's."""
+    """Axes of the magnetometer that contradict the gyroscope's; light, as it is left out."""
     aligned = observed.walk.magnetometer
     if aligned is None or aligned.wrong_axes is None:
         return None
