@@ -274,7 +274,7 @@ COMPANIONS: dict[str, Callable[[Path], bytes]] = {
     "scenario.toml": lambda folder: SCENARIO,
     **{
         f"{name}.record{end}": partial(_write_record, options, end)
-        for name, options in (("foot", FOOT), ("lagged", LAGGED), ("thigh", OnlineOptions("pocket", None)))
+        for name, options in (("foot", FOOT), ("lagged", LAGGED), ("thigh", OnlineOptions(None, mount="pocket")))
         for end in ("", LINES)
     },
 }

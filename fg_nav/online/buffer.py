@@ -47,7 +47,6 @@ class OnlineOptions:
     A pocket makes use of `heading_rad`, that of the first two strides, `use_field`, `axes_given` and `step_constant_m`.
     """
 
-    mount: Mount = "foot"  # Where the sensor is worn.
     # Of the body's x axis at the first stance, clockwise from north. None where it is not known: then zero, or with the
     # field so that the mean field points north (from footfall 4 on, refined each time the walk is solved again).
     heading_rad: float | None = 0.0
@@ -58,6 +57,7 @@ class OnlineOptions:
     fixes: tuple[Fix, ...] = ()  # Positions known from elsewhere, at times of the walk to come.
     calibration: MagnetometerCalibration | None = None  # Already applied; None to estimate it on the walk.
     step_constant_m: float | None = None  # Of the person (`fg_nav.pocket.dead_reckoning`); None for the default.
+    mount: Mount = "foot"  # Where the sensor is worn.
 
     def __post_init__(self) -> None:
         check_fixes(self.fixes)

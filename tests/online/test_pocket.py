@@ -19,8 +19,8 @@ from fg_nav.pocket.dead_reckoning import StepLength, reckon_path
 from fg_nav.pocket.navigate import choose_start
 from fg_nav.pocket.steps import estimate_swing, find_steps
 
-EAST = OnlineOptions("pocket", np.pi / 2)
-COMPASS = OnlineOptions("pocket", None)
+EAST = OnlineOptions(np.pi / 2, mount="pocket")
+COMPASS = OnlineOptions(None, mount="pocket")
 
 
 @pytest.fixture(scope="module")
