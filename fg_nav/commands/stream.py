@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -24,7 +24,7 @@ from fg_nav.feet import SIDES, Side
 from fg_nav.io import read_fixes
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.online.buffer import OnlineOptions
-from fg_nav.online.estimates import POLISHED, SMOOTHED, SensorTime, format_table, tag_line
+from fg_nav.online.estimates import POLISHED, SMOOTHED, format_table, tag_line
 from fg_nav.online.feet import FeetNavigator
 from fg_nav.online.follow import ENDING, FollowedWalk, Sensor, StreamOptions, follow
 from fg_nav.online.navigator import finish_walk
@@ -217,7 +217,6 @@ class End:
 def find_end(walk: FollowedWalk, polish: bool) -> End:
     """Finish the walk of one sensor: its final solution (with a lag, the lagged one), and the batch one to `polish`."""
     sensor, navigator = walk.sensors[None], walk.navigators[None]
-    sensor_time, is_pocket = navigator.intake.sensor_time, sensor.options.is_pocket
     if navigator.options.lag_s is not None:
         solution = note_losses(navigator.finish(), sensor, navigator)
         summary, write = summarize_lagged(solution), partial(write_lagged, solution=solution)
@@ -230,12 +229,18 @@ def find_end(walk: FollowedWalk, polish: bool) -> End:
             outcome = evaluate_solution(prepared, note_losses(solution, sensor, navigator))
         solution, summary = outcome.solution, summarize(prepared, outcome)
         write = partial(write_run, walk=prepared, outcome=outcome)
-    reasons = cast("list[str]", summary["reasons"])
-    verdicts = [Verdict(cast("Word", summary["verdict"]), tuple(reasons))]
+    verdict = Verdict(cast("Word", summary["verdict"]), tuple(cast("list[str]", summary["reasons"])))
+    ends = [(SMOOTHED, solution, verdict)]
     if solution.polished is not None:
-        verdicts.append(judge_path(prepared, solution.polished))
-    lines = partial(format_solution, solution, sensor_time, verdicts, is_pocket)
-    return End(summary, lines, write, partial(write_footfalls, solution=solution, summary=summary))
+        ends.append((POLISHED, solution.polished, judge_path(prepared, solution.polished)))
+
+    def format_lines() -> Iterator[str]:
+        """Yield one line a footfall, and those of the batch solution where there is one, with the verdict on each."""
+        for kind, one, verdict in ends:
+            heading = compute_stride_headings(one.stances) if sensor.options.is_pocket else None
+            yield from format_table(one.stances, navigator.intake.sensor_time, kind, heading, verdict)
+
+    return End(summary, format_lines, write, partial(write_footfalls, solution=solution, summary=summary))
 
 
 def find_feet_end(walk: FollowedWalk, feet: FeetNavigator, request: StreamRequest) -> End:
@@ -259,16 +264,6 @@ def find_feet_end(walk: FollowedWalk, feet: FeetNavigator, request: StreamReques
 
     write = partial(write_feet, result=result)
     return End(summarize_feet(result), format_lines, write, partial(write, plots="none"))
-
-
-def format_solution(
-    solution: Solution, sensor_time: SensorTime, verdicts: Sequence[Verdict], is_pocket: bool = False
-) -> Iterator[str]:
-    """Yield one line a footfall, and those of the batch solution where there is one, with the verdict on each."""
-    known = [one for one in (solution, solution.polished) if one is not None]
-    for kind, one, verdict in zip((SMOOTHED, POLISHED), known, verdicts, strict=False):
-        heading = compute_stride_headings(one.stances) if is_pocket else None
-        yield from format_table(one.stances, sensor_time, kind, heading, verdict)
 
 
 def save_end(end: End, target: Target, plots: Plots) -> OutputError | None:

@@ -266,14 +266,7 @@ def measure_stride(observed: WalkSigns) -> Reason:
 
 def measure_longest_stride(observed: WalkSigns) -> Reason:
     """The stride with the largest excess over the length that a fast stride has in its time."""
-    t, speed = observed.table.t, observed.stride_speed
-    fast = float(np.quantile(speed, limits.FAST_SHARE, method="lower"))
-    excess = (speed - fast) * np.diff(t)
-    longest = int(np.argmax(np.where(np.isnan(excess), np.inf, excess)))
-    took = float(t[longest + 1] - t[longest])
-    return limits.judge_stride(
-        float(speed[longest]) * took, took, float(t[longest + 1]), fast, observed.sigma, observed.way
-    )
+    return limits.judge_longest_stride(observed.stride_speed, observed.table.t, observed.sigma, observed.way)
 
 
 def measure_speed(observed: WalkSigns) -> Reason:
@@ -450,14 +443,12 @@ def judge_path(walk: Walk, solution: Solution) -> Verdict:
 
 def judge_footfalls(table: StanceTable) -> Verdict:
     """Judge a path by its footfalls alone, without samples, by the limits of a person."""
-    stride, took = np.linalg.norm(np.diff(table.position, axis=0), axis=1), np.maximum(np.diff(table.t), 1e-9)
-    speed, way = stride / took, float(np.hypot(*np.diff(table.position[:, :2], axis=0).T).sum())
-    found = [limits.judge_strides(len(stride), float(np.ptp(table.t)))]
-    if len(stride):
-        fast = float(np.quantile(speed, limits.FAST_SHARE, method="lower"))
+    speed = np.linalg.norm(np.diff(table.position, axis=0), axis=1) / np.maximum(np.diff(table.t), 1e-9)
+    way = float(np.hypot(*np.diff(table.position[:, :2], axis=0).T).sum())
+    found = [limits.judge_strides(len(speed), float(np.ptp(table.t)))]
+    if len(speed):
         sigma = float(np.hypot(*table.position_sigma[-1, :2]))
-        worst = int(np.argmax((speed - fast) * took))
-        found.append(limits.judge_stride(stride[worst], took[worst], float(table.t[worst + 1]), fast, sigma, way))
+        found.append(limits.judge_longest_stride(speed, table.t, sigma, way))
         found.append(limits.judge_speed(float(speed.max()), float(table.t[1 + int(np.argmax(speed))])))
     found.append(limits.judge_height_rate(*limits.find_height_rate(table.t, table.position[:, 2])))
     found.append(limits.judge_position(table.position_cov[-1, :2, :2], way))

@@ -115,6 +115,14 @@ def judge_stride(length: float, took_s: float, t: float, fast_m_s: float, sigma:
     return Reason(weigh_error(excess, sigma, way), words)
 
 
+def judge_longest_stride(speed: Floats, t: Floats, sigma: float, way: float) -> Reason:
+    """Judge the stride longest for its time, of strides at `speed` (K,) m/s between footfalls at t (K + 1,) s."""
+    fast, took = float(np.quantile(speed, FAST_SHARE, method="lower")), np.maximum(np.diff(t), 1e-9)
+    excess = (speed - fast) * took
+    i = int(np.argmax(np.where(np.isnan(excess), np.inf, excess)))
+    return judge_stride(float(speed[i] * took[i]), float(took[i]), float(t[i + 1]), fast, sigma, way)
+
+
 def judge_height_rate(rate: float, t: float) -> Reason:
     """Judge the highest rate of the height, m/s, over `CLIMBED_S` up to time t, s."""
     words = f"it climbs or falls by {rate:.1f} m/s for {CLIMBED_S:.0f} s and more, up to {t:.1f} s"

@@ -50,15 +50,9 @@ class Outlets:
 
 @contextmanager
 def open_outlets(serve: int | None, view: tuple[str, int] | None, print_line: Say, remark: Say) -> Iterator[Outlets]:
-    """Open what was requested.
+    """Serve the lines, which are then not printed, on a port, and the page on host and port; None for neither.
 
-    Raises `StreamError` if a port cannot be served.
-
-    Parameters
-    ----------
-    serve : port for the lines, which are then not printed; None without.
-    view : host and port of the page; None without.
-    print_line, remark : called with lines, and with sentences for people.
+    Lines go to `print_line`, sentences for people to `remark`. Raises `StreamError` if a port cannot be served.
     """
     with ExitStack() as opened:
         lines = None if serve is None else opened.enter_context(open_port(HOST, serve, "--serve"))
