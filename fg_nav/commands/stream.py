@@ -50,7 +50,7 @@ from fg_nav.samples.delivery import describe_losses
 from fg_nav.solution import Solution
 from fg_nav.system.processes import catch_signals
 from fg_nav.verdict import Verdict, Word, judge_path
-from fg_nav.view.outlets import Outlets, Say, open_outlets
+from fg_nav.view.outlets import Outlets, open_outlets
 from fg_nav.walk import Options, Walk, evaluate_solution
 
 MIN_LAG_S = 10.0  # a shorter lag holds fewer strides than the smoother needs to estimate sensor and foot
@@ -106,13 +106,19 @@ def run_stream(request: StreamRequest, outlets: Outlets) -> FollowedWalk:
         calibrations = dict(zip(SIDES, split_files("--calibration", request.calibration), strict=True))
     options = {side: read_stream_options(request, calibration) for side, calibration in calibrations.items()}
     with catch_signals(*ENDING) as stop, ExitStack() as opened:
-        record = _open_record(request, outlets.remark)
-        if record is not None:
-            opened.callback(record.close)
+        # the record, and the walk in it to be resumed
+        record, path, source = None, request.record, Path(request.source)
+        if path is None and request.resume:
+            raise StreamError("--resume goes on with the walk of a record: name it, as --record FILE.")
+        if path is not None:
+            if path.exists() and source.exists() and path.samefile(source):
+                raise OutputError(f"{path} is what is streamed: name another file to record into.")
+            record = opened.enter_context(closing(Record(path, request.resume, request.force, outlets.remark)))
+        # the sources
         sensors = dict[Side | None, Sensor]()
         for side, word in name_sources(request).items():
-            source = open_samples(word, options[side].columns, request.baud, request.speed, outlets.remark)
-            sensors[side] = Sensor(opened.enter_context(closing(source)), options[side], record)
+            samples = open_samples(word, options[side].columns, request.baud, request.speed, outlets.remark)
+            sensors[side] = Sensor(opened.enter_context(closing(samples)), options[side], record)
         return follow(sensors, outlets, stop, request.clock_offset or 0.0)
 
 
@@ -152,17 +158,6 @@ def _check_positive(value: float | None, name: str) -> float | None:
     return value
 
 
-def _open_record(request: StreamRequest, remark: Say) -> Record | None:
-    path, source = request.record, Path(request.source)
-    if path is None:
-        if request.resume:
-            raise StreamError("--resume goes on with the walk of a record: name it, as --record FILE.")
-        return None
-    if path.exists() and source.exists() and path.samefile(source):
-        raise OutputError(f"{path} is what is streamed: name another file to record into.")
-    return Record(path, request.resume, request.force, remark)
-
-
 def remark(words: str) -> None:
     """Print a sentence for people, apart from the lines."""
     terminal.remark(f"fg-nav: {words}")
@@ -177,15 +172,10 @@ def say_nothing() -> None:
 
 
 class LinePrinter:
-    """Prints lines, each at once; where that fails it says so, and the walk goes on without.
-
-    Attributes
-    ----------
-    has_failed : whether lines were lost.
-    """
+    """Prints lines, each at once; where that fails it says so, and the walk goes on without."""
 
     def __init__(self) -> None:
-        self.has_failed = False
+        self.has_failed = False  # Whether lines were lost.
 
     def __call__(self, line: str) -> None:
         """Print a line."""

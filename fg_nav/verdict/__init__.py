@@ -7,14 +7,14 @@ from which on it is of no use. Others contradict walking itself, each between tw
 the weight is linear in the logarithm. The heaviest sign decides, and signs of `MANY` together spoil a path as one of
 weight 2 does.
 
-Each sign is a function of `WalkSigns`, which says what it measures, and on what its limits (doubtful, no use) rest;
-those that online lines share are in `fg_nav.verdict.limits`. docs/files.md lists all of them for people.
+Each sign is a function of `WalkSigns`, or a step of `list_*_signs`, which says what it measures, and on what its limits
+(doubtful, no use) rest; those that online lines share are in `fg_nav.verdict.limits`. docs/files.md lists all of them.
 In a pocket only signs that need no stances count; a path without a stride is judged by its samples alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from functools import cached_property
 
 import numpy as np
@@ -118,14 +118,6 @@ class WalkSigns:
 # --- signs of samples and stances ------------------------------------------------------------------------------------
 
 
-def measure_turning_at_stances(observed: WalkSigns) -> Reason:
-    """Median rate in the stillest moments of the stances: 0.1 to 0.4 rad/s of a standing foot, twice that in a run."""
-    table = observed.table
-    rate = np.median(np.linalg.norm(observed.recording.gyr[table.sample] - table.gyro_bias, axis=1))
-    words = f"the foot does not stand: it turns by {rate:.1f} rad/s in its stances"
-    return Reason(weigh(rate / observed.gait, 0.8, 1.2), words)
-
-
 def measure_shaking(observed: WalkSigns) -> Reason:
     """Median rate above 6 Hz in the stances, where a shoe on the ground has come to rest: twice as much in a run."""
     gyr, stances = observed.recording.gyr, observed.walk.stances
@@ -173,14 +165,6 @@ def measure_time_without_footfall(observed: WalkSigns) -> Reason | None:
     return max(lost, missed, key=lambda reason: reason.weight)
 
 
-def measure_cut(observed: WalkSigns) -> Reason:
-    """Motion, at the usual speed, in the parts of the recording that a hole cut off."""
-    cut_s = observed.walk.recording.provenance.cut_samples * observed.recording.period_s
-    words = f"{cut_s:.0f} s of the recording are cut off by a hole, and not used"
-    speed = max(observed.usual_m_s, observed.way / max(observed.recording.duration_s, 1e-9))
-    return limits.judge_unfollowed(cut_s, speed, observed.sigma, observed.way, words)
-
-
 def measure_gap(observed: WalkSigns) -> Reason:
     """Motion in the gaps, at one sigma: half of each at the usual speed, root sum square of all; either foot sees."""
     longest_s = float(observed.recording.gaps.unseen_s.max(initial=0.0))
@@ -193,13 +177,6 @@ def measure_gap(observed: WalkSigns) -> Reason:
     error = 0.5 * observed.usual_m_s * float(np.sqrt(np.sum(unseen_s**2)))
     weight, alone = weigh_error(error, observed.sigma, observed.way), beside is not None and longest_s > LATEST_S
     return Reason(max(weight, 1.0 if alone else UNSEEN), words)
-
-
-def check_rate(observed: WalkSigns) -> Reason | None:
-    """A low sample rate, named as a possible cause of other signs: a heel strikes within 20 ms."""
-    rate_hz = 1.0 / observed.recording.period_s
-    words = f"the sample rate of {rate_hz:.0f} Hz is low for a foot"
-    return Reason(NAMING, words) if rate_hz < LOW_RATE_HZ else None
 
 
 def check_mount(observed: WalkSigns) -> Reason | None:
@@ -258,17 +235,6 @@ def measure_tilt_closure(observed: WalkSigns) -> Reason:
     return Reason(weigh(tilt_deg, 2.0, 5.0), words)
 
 
-def measure_stride(observed: WalkSigns) -> Reason:
-    """Median length of the strides: shorter ones are no walk, or on the spot."""
-    length = np.median(observed.lengths)
-    return Reason(weigh(1.0 / max(length, 1e-3), 1 / 0.15, 1 / 0.1), f"no walking: the median stride is {length:.2f} m")
-
-
-def measure_longest_stride(observed: WalkSigns) -> Reason:
-    """The stride with the largest excess over the length that a fast stride has in its time."""
-    return limits.judge_longest_stride(observed.stride_speed, observed.table.t, observed.sigma, observed.way)
-
-
 def measure_speed(observed: WalkSigns) -> Reason:
     """Highest speed on the path, by its velocity and by its positions, the greater of the two."""
     solution, over = observed.solution, max(1, round(SPAN_S / observed.recording.period_s))
@@ -285,12 +251,6 @@ def measure_gravity(observed: WalkSigns) -> Reason:
     moved = observed.table.position[:, :2] - observed.table.position[0, :2]
     reach = float(np.hypot(*moved.T).max())
     return limits.judge_gravity(np.median(force), reach, observed.sigma, observed.way)
-
-
-def measure_climbing(observed: WalkSigns) -> Reason:
-    """95 % quantile of the height of a stride: stairs make 0.36 m."""
-    climb = float(np.quantile(np.abs(observed.strides[:, 2]), 0.95))
-    return Reason(weigh(climb, 0.5, 1.0), f"strides climb or fall by {climb:.1f} m, more than stairs do")
 
 
 def compare_bias(observed: WalkSigns) -> Reason:
@@ -327,12 +287,6 @@ def compare_bias(observed: WalkSigns) -> Reason:
     return Reason(weigh_error(error, observed.sigma, observed.way), words)
 
 
-def measure_heading_sigma(observed: WalkSigns) -> Reason:
-    """Claimed sigma of the heading at the end."""
-    sigma = float(np.degrees(observed.table.heading_sigma[-1]))
-    return Reason(weigh(sigma, 30.0, 90.0), f"the heading at the end is known to {sigma:.0f} deg only")
-
-
 def measure_hidden_turning(observed: WalkSigns) -> Reason | None:
     """Heading error that rebuilt gyroscope peaks leave in a filter; a graph has it in its sigmas."""
     recording, solution = observed.recording, observed.solution
@@ -353,12 +307,6 @@ def measure_hidden_turning(observed: WalkSigns) -> Reason | None:
     return Reason(weigh_error(error, observed.sigma, observed.way), words)
 
 
-def measure_position_sigma(observed: WalkSigns) -> Reason:
-    """Claimed covariance of the end."""
-    table = observed.table
-    return limits.judge_position(table.position_cov[-1, :2, :2], observed.way, observed.walk.options.mount == "pocket")
-
-
 def compare_heights(observed: WalkSigns) -> Reason | None:
     """Height of the end of a closed walk, in its sigmas; light, as it may be another floor."""
     table = observed.table
@@ -370,75 +318,87 @@ def compare_heights(observed: WalkSigns) -> Reason | None:
     return Reason(LIGHT, f"it ends where it began, but {up:+.1f} m in height, {apart:.0f} of its sigmas")
 
 
-def check_mag_axes(observed: WalkSigns) -> Reason | None:
-    """Axes of the magnetometer that contradict the gyroscope's; light, as it is left out."""
-    aligned = observed.walk.magnetometer
-    if aligned is None or aligned.wrong_axes is None:
-        return None
-    return Reason(LIGHT, f"the magnetometer contradicts the gyroscope and is left out: {aligned.wrong_axes.warning}")
-
-
-def check_gyro_axes(observed: WalkSigns) -> Reason:
-    """Axes of the gyroscope that contradict the accelerometer's."""
-    measure = measure_swing_axes if observed.walk.options.mount == "pocket" else measure_axes
-    recording = observed.recording
-    return limits.judge_axes(measure(recording.t, recording.acc, recording.gyr))
-
-
-Sign = Callable[[WalkSigns], Reason | None]
-
-SIGNS_WITHOUT_STRIDES: tuple[Sign, ...] = (
-    lambda observed: limits.judge_strides(len(observed.strides), observed.recording.duration_s),
-    lambda observed: limits.judge_rate(observed.walk.recording.provenance.rate_sigma),
-    measure_gap,
-    measure_cut,
-    lambda observed: limits.judge_bad_samples(observed.walk.recording),
-    check_mount,
-)
-
-SIGNS_IN_POCKET: tuple[Sign, ...] = (
-    measure_speed,
-    measure_longest_stride,
-    check_gyro_axes,
-    measure_heading_sigma,
-    measure_position_sigma,
-    *SIGNS_WITHOUT_STRIDES,
-)
-
-SIGNS: tuple[Sign, ...] = (
-    measure_velocity_closure,
-    count_open_strides,
-    measure_tilt_closure,
-    measure_turning_at_stances,
-    measure_shaking,
-    check_rate,
-    lambda observed: limits.judge_filters(observed.recording, observed.walk.stances),
-    measure_time_without_footfall,
-    measure_stride,
-    measure_longest_stride,
-    measure_speed,
-    measure_climbing,
-    lambda observed: limits.judge_height_rate(
-        *limits.find_height_rate(observed.table.t, observed.table.position[:, 2])
-    ),
-    measure_gravity,
-    check_gyro_axes,
-    compare_bias,
-    measure_heading_sigma,
-    measure_hidden_turning,
-    measure_position_sigma,
-    *SIGNS_WITHOUT_STRIDES,
-    check_mag_axes,
-    compare_heights,
-)
+# --- the verdict -----------------------------------------------------------------------------------------------------
 
 
 def judge_path(walk: Walk, solution: Solution) -> Verdict:
     """Judge the solution of a walk by all signs that apply to its mount; return word and reasons."""
-    observed = WalkSigns(walk, solution)
-    signs = SIGNS_IN_POCKET if walk.options.mount == "pocket" else SIGNS
-    found = [measure(observed) for measure in (signs if len(solution.stances) > 1 else SIGNS_WITHOUT_STRIDES)]
+    observed, has_strides = WalkSigns(walk, solution), len(solution.stances) > 1
+    on_foot = walk.options.mount != "pocket"
+    found = [
+        *(list_foot_signs(observed) if has_strides and on_foot else ()),
+        *(list_path_signs(observed) if has_strides else ()),
+        *list_sample_signs(observed),
+        *(list_light_signs(observed) if has_strides and on_foot else ()),
+    ]
     return combine([reason for reason in found if reason is not None])
+
+
+def list_foot_signs(observed: WalkSigns) -> Iterator[Reason | None]:
+    """Yield what strides and stances of a foot show."""
+    table, recording = observed.table, observed.recording
+    # does strapdown close from stance to stance?
+    yield measure_velocity_closure(observed)
+    yield count_open_strides(observed)
+    yield measure_tilt_closure(observed)
+    yield measure_gravity(observed)
+    # does the foot stand? Its median rate is 0.1 to 0.4 rad/s in the stillest moment, twice that in a run
+    rate = np.median(np.linalg.norm(recording.gyr[table.sample] - table.gyro_bias, axis=1))
+    words = f"the foot does not stand: it turns by {rate:.1f} rad/s in its stances"
+    yield Reason(weigh(rate / observed.gait, 0.8, 1.2), words)
+    yield measure_shaking(observed)
+    yield measure_time_without_footfall(observed)
+    # a possible cause of other signs: a heel strikes within 20 ms
+    if 1.0 / recording.period_s < LOW_RATE_HZ:
+        yield Reason(NAMING, f"the sample rate of {1.0 / recording.period_s:.0f} Hz is low for a foot")
+    yield limits.judge_filters(recording, observed.walk.stances)
+    # is it a walk? Shorter strides are none, or on the spot; stairs make 0.36 m of height
+    length, climb = np.median(observed.lengths), float(np.quantile(np.abs(observed.strides[:, 2]), 0.95))
+    yield Reason(weigh(1.0 / max(length, 1e-3), 1 / 0.15, 1 / 0.1), f"no walking: the median stride is {length:.2f} m")
+    yield Reason(weigh(climb, 0.5, 1.0), f"strides climb or fall by {climb:.1f} m, more than stairs do")
+    yield limits.judge_height_rate(*limits.find_height_rate(table.t, table.position[:, 2]))
+    # turning about up that the solution leaves
+    yield compare_bias(observed)
+    yield measure_hidden_turning(observed)
+
+
+def list_path_signs(observed: WalkSigns) -> Iterator[Reason]:
+    """Yield what the path on a foot, or in a pocket, shows."""
+    table, recording, in_pocket = observed.table, observed.recording, observed.walk.options.mount == "pocket"
+    yield limits.judge_longest_stride(observed.stride_speed, table.t, observed.sigma, observed.way)
+    yield measure_speed(observed)
+    # axes of the gyroscope that contradict the accelerometer's
+    measure = measure_swing_axes if in_pocket else measure_axes
+    yield limits.judge_axes(measure(recording.t, recording.acc, recording.gyr))
+    # its own sigmas at the end
+    sigma_deg = float(np.degrees(table.heading_sigma[-1]))
+    yield Reason(weigh(sigma_deg, 30.0, 90.0), f"the heading at the end is known to {sigma_deg:.0f} deg only")
+    yield limits.judge_position(table.position_cov[-1, :2, :2], observed.way, in_pocket)
+
+
+def list_sample_signs(observed: WalkSigns) -> Iterator[Reason | None]:
+    """Yield what the samples show, of a path without a stride too."""
+    recording, given = observed.recording, observed.walk.recording
+    yield limits.judge_strides(len(observed.strides), recording.duration_s)
+    yield limits.judge_rate(given.provenance.rate_sigma)
+    yield measure_gap(observed)
+    # motion, at the usual speed, in the parts of the recording that a hole cut off
+    cut_s = given.provenance.cut_samples * recording.period_s
+    words = f"{cut_s:.0f} s of the recording are cut off by a hole, and not used"
+    speed = max(observed.usual_m_s, observed.way / max(recording.duration_s, 1e-9))
+    yield limits.judge_unfollowed(cut_s, speed, observed.sigma, observed.way, words)
+    yield limits.judge_bad_samples(given)
+    yield check_mount(observed)
+
+
+def list_light_signs(observed: WalkSigns) -> Iterator[Reason | None]:
+    """Yield what is named, and makes no path doubtful."""
+    # axes of the magnetometer that contradict the gyroscope's
+    aligned = observed.walk.magnetometer
+    if aligned is not None and aligned.wrong_axes is not None:
+        warning = aligned.wrong_axes.warning
+        yield Reason(LIGHT, f"the magnetometer contradicts the gyroscope and is left out: {warning}")
+    yield compare_heights(observed)
 
 
 def judge_footfalls(table: StanceTable) -> Verdict:

@@ -4,8 +4,7 @@
 the port follows a walk. The page gets all of them; `emit_end` is None if nothing takes those of the end. The page is
 shown the status between footfalls too (its keys are in docs/online.md); what is not known yet is null.
 
-Port and page are served by another process (`servers`): the ports are opened here, so that an occupied one is reported
-at once, and messages are queued, so that no client can delay the walk.
+The ports are opened here, so that an occupied one is reported at once, and the messages to `servers` are queued.
 """
 
 from __future__ import annotations
