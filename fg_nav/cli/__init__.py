@@ -98,14 +98,7 @@ app.add_typer(lab, name="lab")
 def main() -> NoReturn:
     """Run the command line and exit."""
     collect_seldom()
-    # standard streams that are closed lead nowhere: the next file that is opened would take the place of one
-    for descriptor in range(3):
-        try:
-            os.fstat(descriptor)
-        except OSError:
-            os.open(os.devnull, os.O_RDWR)  # gets the lowest number that is free
-    sys.stdout = sys.stdout or open(os.devnull, "w")  # noqa: SIM115
-    sys.stderr = sys.stderr or open(os.devnull, "w")  # noqa: SIM115
+    _open_outputs()
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name the terminal cannot show is no bug
     try:
@@ -131,6 +124,17 @@ def _program(version: Annotated[bool, typer.Option("--version", help="Show the v
 
         typer.echo(f"fg-nav {find_version()}")
         raise typer.Exit
+
+
+def _open_outputs() -> None:
+    """Lead standard streams that are closed nowhere: the next file that is opened would take the place of one."""
+    for descriptor in range(3):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest number that is free
+    sys.stdout = sys.stdout or open(os.devnull, "w")  # noqa: SIM115
+    sys.stderr = sys.stderr or open(os.devnull, "w")  # noqa: SIM115
 
 
 def _leave(words: str, code: int) -> NoReturn:
