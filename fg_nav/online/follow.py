@@ -70,7 +70,7 @@ NO_ROWS = np.empty((0, COLUMNS))
 REPLAYED = 1 << 14  # rows of a record at once; the answer does not depend on it
 
 # Ctrl-C, a service that is stopped, a terminal or connection that is gone: they end the walk.
-ENDING = (signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else []))
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 DUE_S = 4.0  # To the next line at most: a standing has one every two seconds.
 MIN_STRIDES = 5  # Of which the median of gravity is judged.
 N_FASTEST = 4  # Strides, by the slowest of which the fastest is judged: who begins to run makes more of them.
