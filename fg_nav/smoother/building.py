@@ -19,18 +19,14 @@ backward passes on a grid give p(phi_k | all psi) and the likelihood (hidden Mar
 some b; with the likeliest, s and P are estimated by expectation maximization. The path is turned by phi_0 - phi_k, to
 start from.
 
-Places. The path of a walk that was closed is compared with itself again, as more of it then lies where it was before.
-Where nothing is left, the walk is the one that was not closed. Of the last round only that is used which the one before
-had recognized too. How far a place may be from where it seems, relative to an earlier one, follows from the graph
-before it is closed: with the covariance of each footfall and with that of each of some `ANCHORS`,
+Places (`docs/magnetic.md`). How far a place may be from where it seems, relative to an earlier one, follows from the
+graph before it is closed: with the covariance of each footfall and with that of each of some `ANCHORS`,
 
     var(p_k - p_a) = P_kk + P_aa - P_ka - P_ak.
 
-The earliest pass of each place is divided into cells by distance, each with one footfall to which all later passes are
-tied (`factors.same_place`): so no error adds up from lap to lap, and few footfalls are joined over the walk
-(`graph.order_variables`). What is tied are the means of both passes over the cell, relative to their footfalls, with
-sigma_one / sqrt(length / APART_M), and along the path, on top of that, what the field leaves open of the shift between
-the passes (`places.recognition`), which is taken off first.
+All later passes of a cell are tied to one footfall of the earliest (`factors.same_place`): so no error adds up from lap
+to lap, and few footfalls are joined over the walk (`graph.order_variables`). What is tied are the means over the cell,
+with sigma_one / sqrt(length / APART_M) and, along the path, what the field leaves open of the shift between the passes.
 """
 
 from __future__ import annotations

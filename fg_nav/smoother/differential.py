@@ -4,18 +4,16 @@
     swings       -> variogram of the field, by turns with the iron that the stances show
     stances      -> information on each bias variable -> factors
 
-A stretch is a stance, or a standing in which no rest was found: all samples of the field from the first node of a
-footfall to its last, and of a stance those within `MARGIN_S`. A long standing is cut into pieces. From each follows
-what it shows of the gyro bias (`factors.differential_field`), with what this walk shows of field and magnetometer:
+A stretch is a stance and the samples within `MARGIN_S`, or a piece of a standing in which no rest was found. From each
+follows what it shows of the gyro bias (`factors.differential_field`), with what this walk shows of its magnetometer:
 
     sigma_n      third differences of z_t in the stretches, whose variance is 20 sigma_n^2
     h            hard iron, the same in all stretches (`find_iron`)
     gamma(r)     half the mean square per axis of differences of the field, in nav, between two samples of one swing
                  that are r apart, less sigma_n^2; median for mean; fitted by sigma^2 (1 - exp(-(r / l)^a))
 
-The information of a stretch is over max(1, chi^2 / freedom), none beyond `MAX_CHI_SQUARE`. The stretches of a bias
-variable are added, and limited by what is common to all stances and to all standings (`docs/magnetic.md`). A variable
-that contradicts gravity about the level axes is weakened (`LevelBias`).
+The stretches of a bias variable are added, and limited by what is common to all stances and to all standings
+(`docs/magnetic.md`). A variable that contradicts gravity about the level axes is weakened (`LevelBias`).
 """
 
 from __future__ import annotations
@@ -81,10 +79,6 @@ class Stretches:
     stop: Ints
     bias: Ints
     is_standing: Bools
-
-    def keep(self, those: Bools) -> Stretches:
-        """Return some of them."""
-        return Stretches(self.start[those], self.stop[those], self.bias[those], self.is_standing[those])
 
 
 def find_stretches(recording: Recording, nodes: Nodes, rests: tuple[Rest, ...]) -> Stretches:

@@ -1,4 +1,4 @@
-"""Two feet of one person, smoothed as one walk.
+"""Two feet of one person, smoothed as one walk (`docs/two_feet.md`).
 
     each foot     as a walk of its own (`batch`)                         -> its factors, with their noise and verdicts
     alignment     both paths turned and moved to each other              -> values to start from
@@ -8,17 +8,10 @@
     shared        errors that each foot's steps share (`sensitivity`), in the triangle of both
     paths         of each foot by its share of the triangle (`batch`), and of the person by both (`feet.person`)
 
-Each foot alone shows rests, lever, noise, biases and the worth of its field. The graph of both has all these factors
-and the ties; the left foot's start is the gauge, and the right one's is free.
-
-Ties. In each cell of steps (`feet.steps`) the mean places of both feet, points next to the footfalls nearest to its
-middle, are beside each other: along the way to what a person steps evenly, across to how he keeps the width, up as the
-sensors are worn alike. Where for long there is no cell, pairs of footfalls have ties of zero weight, which keep both
-feet's joint covariance for the sigmas of the person. Pairs that stand at about one time are within reach: a factor
-where they are not, and of those with which the walk was solved before.
-
-The variables of the right foot have keys of their own (`RIGHT`), in the linear factors only. The footfalls that are
-tied are eliminated last, the newest of them first: what lies between is a chain of each foot alone.
+The left foot's start is the gauge, and the right one's is free; its variables have keys of their own (`RIGHT`), in the
+linear factors only. Where for long there is no cell of steps, pairs of footfalls have ties of zero weight, which keep
+both feet's joint covariance for the sigmas of the person. The footfalls that are tied are eliminated last, the newest
+of them first: what lies between is a chain of each foot alone.
 """
 
 from __future__ import annotations

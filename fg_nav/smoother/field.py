@@ -10,43 +10,32 @@
         evidence       -> noise of the line integrals
         walk and field -> solution, again without the line integrals across jumps of the potential
 
-Every footfall with a reading has its compass. With T_k the statistic of the gate's detector, of n squares, and the
-walk's white spread of the field
-
-    sigma_k^2 = noise^2 + white^2 (2 + n T_k / median T) / (2 + n)         (`magnetic.detectors.weigh_statistic`)
-
-What deviates alike for metres and in whole regions are states (`field_factors`). The iron of the magnetometer has the
-prior of its calibration. Where a heading is given, the direction of the field is free about it; where not, the walk is
-first turned to the field, and its start is free.
+What deviates alike for metres and in whole regions are states (`field_factors`); `docs/magnetic.md` has the reasons.
 
 Drift. The residual of a compass has a second zero half a turn away, so a heading that drifted far is bent back to start
-from; the minimum stays where it is. With z_k the field over ground at footfall k as the drifting heading has it, a
-complex number, and t_k the time,
+from. With z_k the field over ground at footfall k as the drifting heading has it, a complex number, and t_k the time,
 
     rate     r = argmax  |sum z_k exp(-i r t_k)| / mean |z| - r^2 / (2 sigma_r^2)        a constant bias
     drift_k  = r t_k + angle of the mean of z exp(-i r t) over `WINDOW` footfalls about k, less that of the first
 
-Jumps. On a path through a circuit of current I, a lift, a magnet that is put down, one row of the potential is off by
-an unknown constant, of mu_0 I = 1.26 uT m an ampere. Its own residual does not show it; the likelihood of the walk
-does. With r_k the residual at the minimum, sigma its noise, J its Jacobian, P the covariance of its variables,
+Jumps. On a path through a circuit of current I one row of the potential is off by an unknown constant, mu_0 I. With r_k
+the residual at the minimum, sigma its noise, J its Jacobian, P the covariance of its variables, twice the error falls
+without it by (a deletion diagnostic; Cook 1977)
 
-    T_k = r_k^2 / (sigma^2 - J P J^T)        chi^2 of one degree of freedom without a jump
+    T_k = r_k^2 / (sigma^2 - J P J^T)        chi^2 of one degree of freedom without a jump.
 
-is by how much twice the error falls without that row (a deletion diagnostic; Cook 1977). At the largest T the rows k-1,
-k, k+1 are left out, as the stride that passes the conductor is wrong in its shape too, if twice the error falls by more
-than `MIN_FALL`: before the walk is solved again by r^T (I - H)^-1 r, H = J P J^T, and as it comes out. Rows that were
-left out come back where the rise r^T (I + H)^-1 r is less.
+At the largest T the rows k-1, k, k+1 are left out, as the stride that passes the conductor is wrong in its shape too,
+if twice the error falls by more than `MIN_FALL`: before the walk is solved again by r^T (I - H)^-1 r, H = J P J^T, and
+as it comes out. Rows that were left out come back where the rise r^T (I + H)^-1 r is less.
 
-Noise of the integrals. One over a stride differs from that of the building's field by the change of the potential,
-whose sum over a walk stays within bounds, and by an error of its own, whose sum does not: iron and delay of the
-magnetometer, tilt in the swing, an uneven clock, currents. With v the variance of all of it over a stride (sigma and
+Noise of the integrals. The change of the potential over a stride telescopes, and an error of the integral (iron and
+delay of the magnetometer, tilt in the swing, currents) does not. With v the variance of both over a stride (sigma and
 correlation a of the potential, as the walk shows them), a share s is error:
 
     v = 2 sigma^2 (1 - a),     noise of the integral^2 = sigma_u^2 + s v,     potential^2 = (1 - s) sigma^2.
 
-s = 0: the integral is a coordinate along north that does not drift. s = 1: it drifts as a random walk does. The walk
-uses the mean of s on `SHARES` by their evidence (`sensitivity`), the longer the better separated. Nodes between the
-footfalls are eliminated once; each level eliminates what is left, a quarter of the variables.
+s = 0: the integral is a coordinate along north that does not drift; s = 1: it drifts as a random walk does. The walk
+uses the mean of s on `SHARES` by their evidence (`sensitivity`), with the nodes between footfalls eliminated once.
 """
 
 from __future__ import annotations

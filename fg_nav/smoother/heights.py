@@ -9,31 +9,21 @@ Floors (`docs/models.md`). Between footfalls of one foot the first solution move
                                anything    on a step: heavy tails about zero
 
 c is what strides of the walk climb in excess whatever their direction, with a Student prior (`settling_sigma_m`), q the
-length of a stride over that of the usual one, r the riser of `RISERS_M` with the largest evidence, strides taken one by
-one. With c and g on grids, and the ground passing into any other with probability `CHANGE`, by their shares, this is a
-hidden Markov model (Rabiner 1989).
+length of a stride over that of the usual one, r the riser of `RISERS_M` with the largest evidence. With c and g on
+grids, and the ground passing into any other with probability `CHANGE`, this is a hidden Markov model (Rabiner 1989).
 
-A stretch of level strides in a row is on a floor that was left earlier if the strides between climbed by h = 0 +-
-sigma, against being on any other level within `LEVELS_WITHIN_M`: log N(h; 0, sigma^2) + log(2 LEVELS_WITHIN_M) >
-MAX_NATS. Otherwise it is a floor of its own. Floors have their height Z as a variable (`factors.FloorHeight`): factors
-from footfall to footfall would sum up to a walk of their own, 0.6 m after a thousand strides of 2 cm.
+A stretch of level strides is on a floor that was left earlier if the strides between climbed by h = 0 +- sigma, against
+any other level within `LEVELS_WITHIN_M`: log N(h; 0, sigma^2) + log(2 LEVELS_WITHIN_M) > MAX_NATS. Floors have their
+height Z as a variable (`factors.FloorHeight`): factors from footfall to footfall would sum up to a walk of their own.
 
-Barometer.
+Barometer (`docs/models.md`; residuals in `factors.walk_constraints`).
 
     p_k     mean pressure about the stillest sample of footfall k, within its stance and `REACH_S`, Pa
     h_k     R T_0 / (g M) log(p_0 / p_k), m above the first footfall with a reading, T_0 = 15 degC
-    factor  height of the sensor + offset = h_k, Cauchy's loss      (`factors.walk_constraints`)
 
-Offset and tendency are a state P of each footfall: wind, ventilation and doors, a random walk of `DRIFT_PA`; and the
-weather's, constant for hours. Air of another temperature has heights larger by a scale of 0 +- `SCALE_SIGMA`, one
-number of a walk that is counted in the sigmas (`sensitivity`). Noise of p_k is the recording's own, with parts that
-none shows,
+Noise of p_k, with n_k the readings of footfall k, n the median, and run the footfalls that one quantum lasts,
 
-    sigma^2 = (noise^2 + `AIR_PA`^2) min(1, n / n_k) + run quantum^2 / 12,
-
-n_k the readings of footfall k, n the median: a standing averages over more. noise is half of what the means of the two
-halves of a stance differ by, in the median. Where stances have too few readings it is that of second differences at the
-barometer's rate. Readings in steps of a quantum err alike as long as they stay the same: over `run` footfalls.
+    sigma^2 = (noise^2 + `AIR_PA`^2) min(1, n / n_k) + run quantum^2 / 12.
 """
 
 from __future__ import annotations

@@ -15,13 +15,9 @@
 
 Swing noise. `gyr_relative_density` k (1/sqrt(Hz)) makes the rate noise of a swinging foot: s_w^2 = density^2 + (k
 |w|)^2. The walk has the mean of k^2 over `LEVELS`, weighted by evidence (`sensitivity`) of a few dozen strides, in up
-to `PIECES` stretches, linearized at the minimum with the largest k. A piece alone may show a larger mean, and then that
-is taken. The noise covariance of an interval is linear in k^2, so two preintegrations give it for every k:
+to `PIECES` stretches. The noise covariance of an interval is linear in k^2, so two preintegrations give it for every k:
 
     S(k) = S(k0) + (k^2 - k0^2) / (k1^2 - k0^2) (S(k1) - S(k0))
-
-Clipped peaks are rebuilt from their flanks (`fg_nav.samples.readings`); one factor a walk on all, with the prior 1 +-
-`OFF_SHARE`, is chosen among `HEIGHTS` by the same evidence.
 
 Refused stances. Let the velocity of the stance of footfall k be off by a constant d_k (nav, m/s) in all its rows. With
 their residuals e_k at the minimum, whitened, H_k how they change with d_k, J their Jacobian and P the covariance of
@@ -32,22 +28,18 @@ their variables,
 T_k is by how much twice the error falls at the minimum where d_k is free (a deletion diagnostic; Cook 1977), chi^2 of
 three degrees of freedom where the stance is one: one pass down the triangle, each footfall a group with G = J^T H.
 
-Bias walk. From one bias variable to the next, t seconds later, each axis changes by q sqrt(t), one sigma. What lies
-between the nodes at which the bias changes is eliminated once, and the chain that is left for each level of q. The walk
-has the mean of q^2 over `WALK_LEVELS_DEG_S`, weighted by evidence and `WALK_PRIOR`: so no level has to win.
+Bias walk. From one bias variable to the next, t seconds later, each axis changes by q sqrt(t), one sigma. The walk has
+the mean of q^2 over `WALK_LEVELS_DEG_S`, weighted by evidence and `WALK_PRIOR`: so no level has to win.
 
-Bias prior. That of the first bias variable is a mixture p(b) = sum_l p_l N(b; mu, s_l^2 I), s_l = (`SIGMA_LEVELS`) s0.
-The walk is solved with s0 first: mean m and covariance P of the bias. The information of the walk alone is
+Bias prior, a mixture p(b) = sum_l p_l N(b; mu, s_l^2 I), s_l = (`SIGMA_LEVELS`) s0. The walk is solved with s0 first:
+mean m and covariance P of the bias. With the information of the walk alone, posterior and evidence of each level are, up
+to a constant, in closed form (MacKay 2003, section 28)
 
-    Lambda = P^-1 - I / s0^2,     eta = P^-1 m - mu / s0^2,
-
-and under another level its posterior and its evidence are, up to a constant, in closed form (MacKay 2003, section 28)
-
+    Lambda = P^-1 - I / s0^2,     eta = P^-1 m - mu / s0^2,     d = eta - Lambda mu,
     P_l = (Lambda + I / s_l^2)^-1,     m_l = P_l (eta + mu / s_l^2),
-    log p(z | s_l) = 1/2 d^T (Lambda + I / s_l^2)^-1 d - 1/2 log|I + s_l^2 Lambda|,     d = eta - Lambda mu.
+    log p(z | s_l) = 1/2 d^T (Lambda + I / s_l^2)^-1 d - 1/2 log|I + s_l^2 Lambda|.
 
-The Gaussian prior that leads to mean m* and covariance P* of the mixture, of information P*^-1 - Lambda, takes the
-place of the first, and the walk is solved again from its solution.
+The Gaussian prior that leads to mean and covariance P* of the mixture, of information P*^-1 - Lambda, takes its place.
 """
 
 from __future__ import annotations

@@ -28,10 +28,9 @@ gyro scale    w = (1 + s) w_true + b on each axis, where the magnetic field show
                   D = (theta, rho, nu),   theta' = R c,   nu' = (theta) x R f,   rho' = nu,   c = -(w - b) per axis,
 
               R the attitude and f the specific force since its start: J = -(de/dpose_end, de/dv_end nav_R_end) D. Each
-              half of the walk has an s of its own, z = (s_1, s_2), and three models are as likely before the walk:
-              nothing but what is alike (`ALIKE_SIGMA`), one scale (`SCALE_SIGMA` more in both halves), two that have
-              nothing to do with each other. Only the second is taken off; nats by which tilt and velocity close worse
-              with it count against it. The rest is counted, by the second moment over the models (Hoeting et al. 1999).
+              half of the walk has an s of its own, and three models are as likely before the walk: nothing but what
+              is alike (`ALIKE_SIGMA`), one scale (`SCALE_SIGMA` more), two that have nothing to do with each other.
+              Only the second is taken off; the rest is counted (`docs/models.md`; Hoeting et al. 1999).
 clipped peaks of the rate, rebuilt, are off alike on one side of an axis: the same columns with c = -sigma of the peak
               there, 0 +- 1. They are counted.
 
