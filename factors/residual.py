@@ -143,14 +143,8 @@ def linear_factor_of(residual: Residual, keys: Sequence[int]) -> gtsam.LinearCon
     for key, x, dim in zip(keys, zero, residual.dims, strict=True):
         at.insert(key, gtsam.imuBias.ConstantBias() if isinstance(dim, _Bias) else x)
     e, H = residual.evaluate(zero, True)
-    return gtsam.LinearContainerFactor(_linear(keys, -e, H, gtsam.noiseModel.Unit.Create(len(e))), at)
-
-
-def _linear(keys: Sequence[int], b: Array, H: Sequence[Array], noise: gtsam.noiseModel.Unit) -> gtsam.JacobianFactor:
-    """Return the linear factor of right-hand side b (r,) and Jacobians H (r, d) by each key."""
     terms: list[Any] = [x for pair in zip(keys, H, strict=True) for x in pair]
-    factor: gtsam.JacobianFactor = _JACOBIAN_FACTOR(*terms, b, noise)
-    return factor
+    return gtsam.LinearContainerFactor(_JACOBIAN_FACTOR(*terms, -e, gtsam.noiseModel.Unit.Create(len(e))), at)
 
 
 _JACOBIAN_FACTOR: Any = gtsam.JacobianFactor  # Of any number of keys, which its types do not say.

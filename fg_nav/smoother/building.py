@@ -117,23 +117,19 @@ def list_displacements(position: Floats) -> Ints:
     """List the first and last footfalls (M, 2) of straight displacements of footfalls at `position` (F, 3) m."""
     if len(position) <= STRIDES:
         return np.zeros((0, 2), dtype=np.int64)
-    # Non-overlapping displacements, centred in each straight run.
-    first = [np.zeros(0, dtype=np.int64)]
-    for begin, end in zip(*find_runs(find_straight(position)), strict=True):
-        strides = end - begin + STRIDES - 1
-        first.append(begin + strides % STRIDES // 2 + STRIDES * np.arange(strides // STRIDES))
-    return np.asarray(np.concatenate(first)[:, None] + np.array([0, STRIDES]))
-
-
-def find_straight(position: Floats) -> Bools:
-    """Find whether the `STRIDES` strides from each footfall on, but for the last ones, go straight on over ground."""
+    # Footfalls from which `STRIDES` strides go straight on over ground.
     places = np.moveaxis(sliding_window_view(position[:, :2], STRIDES + 1, axis=0), 2, 1)
     from_first = places - places[:, :1]
     along = from_first[:, -1:]
     across = from_first[..., 0] * along[..., 1] - from_first[..., 1] * along[..., 0]
-    length = np.linalg.norm(along, axis=2)
-    off = np.abs(across).max(axis=1) / np.maximum(length[:, 0], MIN_M)
-    return np.asarray((length[:, 0] >= MIN_M) & (off <= STRAIGHT_WITHIN_M))
+    length = np.linalg.norm(along, axis=2)[:, 0]
+    off = np.abs(across).max(axis=1) / np.maximum(length, MIN_M)
+    # Non-overlapping displacements, centred in each straight run.
+    first = [np.zeros(0, dtype=np.int64)]
+    for begin, end in zip(*find_runs((length >= MIN_M) & (off <= STRAIGHT_WITHIN_M)), strict=True):
+        strides = end - begin + STRIDES - 1
+        first.append(begin + strides % STRIDES // 2 + STRIDES * np.arange(strides // STRIDES))
+    return np.asarray(np.concatenate(first)[:, None] + np.array([0, STRIDES]))
 
 
 def share_legs(course: Floats) -> Floats:

@@ -244,14 +244,6 @@ def measure_stretches(turned: FieldStretches, noise: FieldNoise) -> tuple[BiasIn
     return whole.information.scale(np.where(used, 1.0 / np.maximum(ratio, 1.0), 0.0)), used
 
 
-def sum_stretches(information: BiasInformation, bias: Ints, those: Bools, variables: int) -> StretchSum:
-    """Add what those of the stretches (S,) show of each bias variable."""
-    matrix, vector = np.zeros((variables, 6, 6)), np.zeros((variables, 6))
-    np.add.at(matrix, bias[those], information.matrix[those])
-    np.add.at(vector, bias[those], information.vector[those])
-    return StretchSum(BiasInformation(matrix, vector), np.bincount(bias[those], minlength=variables))
-
-
 def add_differential_field(problem: WalkProblem, values: gtsam.Values, track: Trajectory) -> WalkProblem:
     """Return the problem with gyro-bias factors from the differential field; unchanged where it is not used.
 
@@ -274,10 +266,14 @@ def add_differential_field(problem: WalkProblem, values: gtsam.Values, track: Tr
             return problem
         noise = FieldNoise(variogram, sigma_uT, iron)
         information, used = measure_stretches(turned, noise)
-        stances, standings = (
-            sum_stretches(information, stretches.bias, used & those, len(biases))
-            for those in (~stretches.is_standing, stretches.is_standing)
-        )
+        # What stances and standings show of each bias variable.
+        sums = []
+        for those in (used & ~stretches.is_standing, used & stretches.is_standing):
+            bias, matrix, vector = stretches.bias[those], np.zeros((len(biases), 6, 6)), np.zeros((len(biases), 6))
+            np.add.at(matrix, bias, information.matrix[those])
+            np.add.at(vector, bias, information.vector[those])
+            sums.append(StretchSum(BiasInformation(matrix, vector), np.bincount(bias, minlength=len(biases))))
+        stances, standings = sums
         found = find_iron(stances.information, standings.information)
         if done >= MIN_ROUNDS and np.linalg.norm(found.mean_uT - iron.mean_uT) < CLOSE_IRON_UT:
             break

@@ -128,13 +128,18 @@ def find_floors(
     off = np.where(level, 0.0, np.where(unseen, FORGOTTEN, 1.0))
     strides = np.append(0.0, np.cumsum(off))
     height = np.append(0.0, np.cumsum(off * (step[:, 2] - ground.drift)))
-    # Level strides in a row, by their first and last footfall, are on a floor that was left or on the next one.
+    # Level strides in a row, by their first and last footfall, are on a floor left before, at footfall `left[number]`, if
+    # its height is so much more probable than any other; else on a new one.
     floor, left = np.full(len(position), -1, dtype=np.intp), list[int]()
     for first, last in zip(*(ends.tolist() for ends in find_runs(level)), strict=True):
-        if last - first + 1 >= FEWEST:
-            number = _recognize(first, left, strides, height, ground)
-            floor[first : last + 1] = number
-            left[number:] = [last, *left[number + 1 :]]
+        if last - first + 1 < FEWEST:
+            continue
+        between, climbed = strides[first] - strides[left], height[first] - height[left]
+        variance = 2 * LEVEL_SIGMA_M**2 + ground.noise**2 * between + (ground.drift_sigma * between) ** 2
+        nats = np.log(2.0 * LEVELS_WITHIN_M) - 0.5 * (climbed**2 / variance + np.log(2.0 * np.pi * variance))
+        number = int(np.argmax(nats)) if nats.max(initial=-np.inf) > MAX_NATS else len(left)
+        floor[first : last + 1] = number
+        left[number:] = [last, *left[number + 1 :]]
     return floor, ground
 
 
@@ -288,18 +293,6 @@ def estimate_noise(climb: Floats) -> float:
         float(np.median(np.abs(np.diff(x))) / (0.6745 * np.sqrt(2.0))) if len(x) > 3 else 0.0 for x in (climb, blocks)
     )
     return max(each, float(BLOCK**0.5) * together, MIN_NOISE_M)
-
-
-def _recognize(at: int, left: list[int], strides: Floats, height: Floats, ground: Ground) -> int:
-    """Return the floor of footfall `at`: the number of that left at footfall `left[k]`, or a new one."""
-    if not left:
-        return 0
-    between = strides[at] - strides[left]
-    variance = 2 * LEVEL_SIGMA_M**2 + ground.noise**2 * between + (ground.drift_sigma * between) ** 2
-    climbed = height[at] - height[left]
-    nats = np.log(2.0 * LEVELS_WITHIN_M) - 0.5 * (climbed**2 / variance + np.log(2.0 * np.pi * variance))
-    best = int(np.argmax(nats))
-    return best if nats[best] > MAX_NATS else len(left)
 
 
 def add_constraints(problem: WalkProblem, values: gtsam.Values, continues: Bools | None = None) -> WalkProblem:

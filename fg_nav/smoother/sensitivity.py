@@ -49,7 +49,7 @@ length of the path has the weights w_k = u_k - u_(k+1), u the unit vectors of it
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import gtsam
@@ -61,7 +61,6 @@ from fg_nav.factors.differential_field import GYRO
 from fg_nav.factors.residual import Keys
 from fg_nav.factors.zero_velocity import StanceVelocity
 from fg_nav.mechanisation import rotate_in_body
-from fg_nav.recording import Recording
 from fg_nav.samples.gaps import cross_holes
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.solver import (
@@ -234,10 +233,6 @@ class GyroScale:
         axes = ", ".join(f"{100 * s:+.2f} +- {100 * d:.2f}" for s, d in zip(self.scale, self.sigma, strict=True))
         share = 100.0 * self.probability
         return f"gyroscope's scale errors {axes} %, taken off: both halves of the walk agree on them by {share:.0f} %"
-
-    def remove_from(self, recording: Recording) -> Recording:
-        """Return the recording with the rates without these errors."""
-        return replace(recording, gyr=recording.gyr / (1.0 + self.scale))
 
 
 @dataclass(frozen=True)

@@ -319,12 +319,6 @@ def _stack(keys: Sequence[int], rows: Sequence[Floats]) -> Stack:
     return Stack(np.array(keys, dtype=np.uint64).reshape(len(rows), -1), np.stack(rows))
 
 
-def find_sizes(keys: Keys) -> Ints:
-    """Find the dimensions (V,) of the variables."""
-    letter, kind = np.unique(keys >> np.uint64(LETTER_SHIFT), return_inverse=True)
-    return np.array([DIMENSION[one] for one in letter.tolist()], dtype=np.int64)[kind]
-
-
 @dataclass(frozen=True)
 class LinearWalk:
     """Linear factors in variables `keys` (V,), in the order of elimination, of which those before `begin` are gone.
@@ -377,7 +371,9 @@ class LinearWalk:
 
     @cached_property
     def _size(self) -> Ints:
-        return find_sizes(self.keys)
+        """Dimensions (V,) of the variables."""
+        letter, kind = np.unique(self.keys >> np.uint64(LETTER_SHIFT), return_inverse=True)
+        return np.array([DIMENSION[one] for one in letter.tolist()], dtype=np.int64)[kind]
 
     def _eliminate(self, end: int) -> tuple[Fronts, Floats, LinearWalk]:
         later = []

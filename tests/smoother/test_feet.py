@@ -29,7 +29,7 @@ from fg_nav.smoother.feet import (
 )
 from fg_nav.smoother.graph import turn_walk
 from fg_nav.smoother.solver import find_minimum
-from fg_nav.smoother.square_root import LinearWalk, find_sizes
+from fg_nav.smoother.square_root import DIMENSION, LinearWalk
 from fg_nav.truth import TrajectoryTruth
 
 SIDES = ("left", "right")
@@ -170,7 +170,7 @@ class DenseCovariance:
     """Of variables in the order of their elimination, by the whole information matrix."""
 
     def __init__(self, stacks, keys) -> None:
-        size, order = find_sizes(keys), np.argsort(keys)
+        size, order = np.array([DIMENSION[int(key) >> 56] for key in keys]), np.argsort(keys)
         self.keys, self.size, self.begin = keys, size, np.cumsum(size) - size
         self.information = np.zeros((size.sum(), size.sum()))
         for stack in stacks:
