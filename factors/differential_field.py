@@ -169,7 +169,7 @@ class FieldStretches:
 
 @dataclass(frozen=True)
 class StretchInformation:
-    """Of S stretches: what each shows of the bias, chi-square (S,) at its own best bias, and degrees of freedom (S,)."""
+    """Of S stretches: what each shows of the bias, chi-square (S,) at its own best bias, degrees of freedom (S,)."""
 
     information: BiasInformation
     chi_square: Array

@@ -6,11 +6,9 @@ where its formula and its derivatives stand:
 
     e (..., r)  divided by its sigma,     H_i = de/dx_i (..., r, d_i)  in gtsam's tangent space of x_i.
 
-iSAM2 takes one `factor_of` for each instant, with the unit noise model, as e is divided by its sigma already. A batch
-solver takes a `ResidualBlock`: a callback from C++ into Python takes about 30 us, and a walk has thousands of a kind.
-
-This is the one place that touches gtsam.CustomFactor, which kills the interpreter on a wrong shape or an unassigned
-Jacobian, and lets NaN and float32 pass. `guarded_factor` checks what a residual function returns before gtsam sees it.
+iSAM2 takes one `factor_of` for each instant. A batch solver takes a `ResidualBlock`: a callback from C++ into Python
+takes about 30 us, and a walk has thousands of a kind. gtsam.CustomFactor kills the interpreter on a wrong shape or an
+unassigned Jacobian, and lets NaN and float32 pass: `guarded_factor` alone makes one, and checks what it returns.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -84,14 +82,11 @@ class Stack(NamedTuple):
 
 
 class Residual(Protocol):
-    """What was measured, and the residual it leaves.
+    """What was measured, and the residual it leaves."""
 
-    `name` is for messages, `dims` are the tangent-space dimensions of the variables, `rows` is the dimension r.
-    """
-
-    name: ClassVar[str]
-    dims: ClassVar[tuple[int, ...]]
-    rows: ClassVar[int]
+    name: ClassVar[str]  # For messages.
+    dims: ClassVar[tuple[int, ...]]  # Of the variables, in tangent space.
+    rows: ClassVar[int]  # r.
 
     def evaluate(self, variables: Sequence[Array], with_jacobians: bool) -> tuple[Array, list[Array]]:
         """Return the residual over its sigma, and where asked for its Jacobians."""

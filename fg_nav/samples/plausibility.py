@@ -67,15 +67,11 @@ _SAME_FIELD = 1.6  # times stronger or weaker is the field in another unit than 
 
 @dataclass(frozen=True)
 class GravityTransport:
-    """How well gravity turns in the body at the rate of the gyroscope.
+    """How well gravity turns in the body at the rate of the gyroscope."""
 
-    `gain` is k in da/dt = -k w x a, `correlation` that of both sides, `n_windows` how many stretches in which
-    gravity turns it rests on.
-    """
-
-    gain: float
-    correlation: float
-    n_windows: int
+    gain: float  # k in da/dt = -k w x a.
+    correlation: float  # Of both sides.
+    n_windows: int  # Stretches in which gravity turns.
 
     @property
     def is_telling(self) -> bool:

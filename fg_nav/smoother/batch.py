@@ -79,10 +79,7 @@ class InProgress:
 
 @dataclass(frozen=True)
 class WalkInput:
-    """What a walk is solved from: one sensor's recording, and what is known besides; see `batch.smooth`.
-
-    A walk `in_progress` uses the fixes that it has come to.
-    """
+    """What a walk is solved from, see `smooth`; a walk `in_progress` uses the fixes that it has come to."""
 
     recording: Recording
     stances: Stances
@@ -98,18 +95,14 @@ class WalkInput:
 
 @dataclass(frozen=True)
 class SolvedWalk:
-    """The problem of the last solution, its minimum, and what was found on it.
-
-    Verdict on the field, `field` where that was used, `returns`; `scale` is what is left of the gyroscope's scale, in
-    the triangle of the solution, None where nothing shows it.
-    """
+    """The problem of the last solution, its minimum, and what was found on it."""
 
     problem: WalkProblem
     solved: Solved
     verdict: FieldVerdict
     field: FieldSolution | None = None
     returns: tuple[Return, ...] = ()
-    scale: WalkScale | None = None
+    scale: WalkScale | None = None  # What is left of the gyroscope's; None where nothing shows it.
 
     def take_solution(self, problem: WalkProblem, solved: Solved) -> SolvedWalk:
         """Return it at another solution, of a problem that has its factors and more."""

@@ -297,15 +297,12 @@ class PlaceFactors(ResidualBlock):
 
 @dataclass(frozen=True)
 class _Piece:
-    """Part of a stretch, in one cell, of which it covers `covered_m`.
-
-    `later_m` were walked to the middle of the later pass, `cell_m` to that of the cell.
-    """
+    """Part of a stretch, in one cell."""
 
     stretch: Stretch
-    later_m: float
-    cell_m: float
-    covered_m: float
+    later_m: float  # Walked to the middle of the later pass,
+    cell_m: float  # and to that of the cell,
+    covered_m: float  # of which it covers so much.
 
 
 def make_place_factors(

@@ -182,10 +182,7 @@ class StretchSum:
 
 @dataclass(frozen=True)
 class LevelBias:
-    """Gyro bias (K, 3), rad/s, of a solution without the factors, and the direction of up (3,) in the body frame.
-
-    Where the field contradicts what gravity shows about the level axes its model is wrong for that variable.
-    """
+    """Gyro bias (K, 3), rad/s, of a solution without the factors, and the direction of up (3,) in the body frame."""
 
     gyro_bias: Floats
     body_up: Floats
@@ -245,10 +242,7 @@ def measure_stretches(turned: FieldStretches, noise: FieldNoise) -> tuple[BiasIn
 
 
 def add_differential_field(problem: WalkProblem, values: gtsam.Values, track: Trajectory) -> WalkProblem:
-    """Return the problem with gyro-bias factors from the differential field; unchanged where it is not used.
-
-    They are linearized once, at the biases of these values, whose trajectory is `track`.
-    """
+    """Return the problem with factors of the differential field, linearized once at these values, of path `track`."""
     recording, nodes = problem.recording, problem.nodes
     if not problem.parameters.magnetic.differential or recording.mag is None:
         return problem

@@ -126,10 +126,7 @@ class Plan(NamedTuple):
 
 @njit(cache=True)
 def plan_elimination(factors: Factors, size: Ints, begin: int, end: int) -> tuple[Plan, Fronts, Factors]:
-    """Plan the elimination of the variables `begin <= v < end`.
-
-    Returns the plan, the fronts and the factors left, without their numbers.
-    """
+    """Plan the elimination of `begin <= v < end`: return plan, fronts and factors left, without their numbers."""
     # Each factor is queued at its first variable.
     count = len(size)
     queue = Queue(np.full(count, -1), np.full(len(factors.rows), -1), np.full(count, -1), np.full(count, -1))

@@ -116,15 +116,12 @@ class NodePairs:
 
 @dataclass(frozen=True)
 class FootfallTies:
-    """C pairs of footfalls `right`, `left` (C,), tied at their nodes.
+    """C pairs of footfalls, tied at their nodes."""
 
-    The first `cells` of them stand for cells of steps, the others are tied by nothing.
-    """
-
-    right: Ints
-    left: Ints
+    right: Ints  # (C,).
+    left: Ints  # (C,).
     pairs: NodePairs
-    cells: int
+    cells: int  # The first of them, which stand for cells of steps; the others are tied by nothing.
 
     def __len__(self) -> int:
         return len(self.right)
@@ -342,10 +339,7 @@ def _solve(problem: FeetProblem) -> SolvedFeet:
 
 
 def align_feet(right: WalkProblem, left: WalkProblem) -> tuple[WalkProblem, FeetValues]:
-    """Turn both paths into each other, half way each, move the right one beside the left, and free its start.
-
-    The left one's heading at the start is the gauge.
-    """
+    """Turn both paths into each other, half way each, move the right one beside the left, and free its start."""
     of_right, of_left = gtsam.Values(right.values), gtsam.Values(left.values)
     # Behind a hole in its recording each path is turned as the other foot's goes on.
     holes = [
@@ -475,11 +469,9 @@ def _list_tie_times(solved: SolvedFeet) -> Floats:
 
 
 def _take_covariances(solved: SolvedFeet, shared: Floats) -> tuple[tuple[Floats, Floats], Floats]:
-    """Return table covariances (K, 6, 6) of right and left, and (C, 4, 4) of right less left pose (4) at ties.
-
-    One pass along the triangle finds all: of a tied pose that is eliminated before the other one the joint covariance
-    of both, of all else its own; with what strides share, `shared` (N, n).
-    """
+    """Return table covariances (K, 6, 6) of right and left, and (C, 4, 4) of right less left pose (4) at ties."""
+    # One pass along the triangle finds all: of a tied pose that is eliminated before the other one the joint covariance
+    # of both, of all else its own.
     root, ties = solved.minimum.root, solved.problem.ties
     right, left = (list_table_keys(one.nodes) for one in (solved.problem.right, solved.problem.left))
     keys = np.concatenate([np.array(right, dtype=np.uint64) + RIGHT, np.array(left, dtype=np.uint64)])

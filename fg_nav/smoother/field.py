@@ -97,12 +97,9 @@ SHARES_PRIOR = (1.0, 1.0, 1.0, 1.0, 0.1)  # Weights of the shares before the wal
 
 @dataclass(frozen=True)
 class FieldVerdict:
-    """Verdicts on the field at the footfalls, as in a stance table, and notes.
+    """Verdicts on the field at the footfalls, as in a stance table, and notes."""
 
-    The words are the detector's; what a footfall's compass counts is its weight.
-    """
-
-    words: tuple[str, ...]
+    words: tuple[str, ...]  # Of the detector.
     reason: tuple[str, ...]
     notes: tuple[str, ...]
     statistic: Floats
@@ -193,10 +190,7 @@ def solve_with_field(problem: WalkProblem, field: FootfallField, path: FieldPath
 
 
 def measure_drift(nav_field: Floats, t: Floats) -> Floats:
-    """Return the heading drift (F,) rad, counter-clockwise, from the nav-frame field (F, 3) uT; NaN rows are skipped.
-
-    `t` (F,) s of the footfalls. Zero where there are fewer than two windows.
-    """
+    """Return the drift (F,) rad of the heading, by the field (F, 3) uT in nav at t (F,) s; zero on a short walk."""
     window = int(np.clip(len(nav_field) // PIECES, MIN_WINDOW, MAX_WINDOW))
     if len(nav_field) < 2 * window:
         return np.zeros(len(nav_field))

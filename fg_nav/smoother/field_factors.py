@@ -120,10 +120,7 @@ def deviate_along(nav_field: Floats, reference: Floats) -> Floats:
 
 
 def measure_roughness(deviation: Floats, seen: Bools, distance_m: Floats) -> FieldRoughness:
-    """Return sigmas and correlation lengths of the field's deviations (F,) uT along the walk's mean field.
-
-    `seen` (F,) are the footfalls with a field, `distance_m` (F-1,) the ways between them.
-    """
+    """Return the roughness by deviations (F,) uT along the mean field, where `seen` (F,); ways `distance_m` (F-1,)."""
     # Winsorized deviations, zero where the field is missing.
     x, variance = np.where(seen, deviation, 0.0), MIN_SIGMA_UT**2
     if seen.any():

@@ -107,15 +107,12 @@ class Known:
 
 @dataclass(frozen=True)
 class StartPrior:
-    """The gauge: position zero at the first node, this attitude (3, 3); sigmas of its heading, rad, and place, m.
+    """The gauge: position and attitude at the first node."""
 
-    Of the second of two feet `place` (3,) m is where it is about to begin.
-    """
-
-    nav_R_body: Floats
-    heading_sigma: float
-    place_sigma: float = GAUGE_SIGMA
-    place: Sequence[float] | Floats = (0.0, 0.0, 0.0)
+    nav_R_body: Floats  # (3, 3).
+    heading_sigma: float  # rad.
+    place_sigma: float = GAUGE_SIGMA  # m.
+    place: Sequence[float] | Floats = (0.0, 0.0, 0.0)  # m, of the second of two feet where it is about to begin.
 
     def factor(self, p: SmootherParameters) -> gtsam.PriorFactorPose3:
         """Return it as a prior on the first pose, with the tilt of levelling."""

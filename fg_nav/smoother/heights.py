@@ -128,8 +128,8 @@ def find_floors(
     off = np.where(level, 0.0, np.where(unseen, FORGOTTEN, 1.0))
     strides = np.append(0.0, np.cumsum(off))
     height = np.append(0.0, np.cumsum(off * (step[:, 2] - ground.drift)))
-    # Level strides in a row, by their first and last footfall, are on a floor left before, at footfall `left[number]`, if
-    # its height is so much more probable than any other; else on a new one.
+    # Level strides in a row are on a floor that was left, at footfall `left[number]`, if its height is so much more
+    # probable than any other; else on a new one.
     floor, left = np.full(len(position), -1, dtype=np.intp), list[int]()
     for first, last in zip(*(ends.tolist() for ends in find_runs(level)), strict=True):
         if last - first + 1 < FEWEST:

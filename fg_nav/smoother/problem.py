@@ -172,7 +172,7 @@ def _group_ties(root: SquareRoot, block: ResidualBlock, nodes: Nodes, products: 
 def choose_swing_noise(
     recording: Recording, stances: Stances, known: Known, p: SmootherParameters
 ) -> tuple[float, str]:
-    """Return the swing noise, 1/sqrt(Hz), the mean over `LEVELS` by evidence, of a short walk that of `p`; and a note."""
+    """Return the swing noise, 1/sqrt(Hz), the mean over `LEVELS` by evidence, of a short walk that of `p`; a note."""
     evidence, strides = _measure_evidence(recording, stances, known, p)
     level, source = p.gyr_relative_density, ": too few strides to see it from"
     if len(evidence):

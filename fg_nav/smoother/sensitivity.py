@@ -118,15 +118,12 @@ class SharedColumns:
 
 
 class SharingFactors(NamedTuple):
-    """K factors of a kind |A x + C s - b|^2, linearized with the walk.
+    """K factors of a kind |A x + C s - b|^2, linearized with the walk."""
 
-    A (K, r, d) in the variables `keys` (K, v), b (K, r) and C (K, r, n).
-    """
-
-    A: Floats
-    b: Floats
-    keys: Sequence[Sequence[int]] | Keys
-    C: Floats
+    A: Floats  # (K, r, d).
+    b: Floats  # (K, r).
+    keys: Sequence[Sequence[int]] | Keys  # (K, v).
+    C: Floats  # (K, r, n).
 
 
 def shared_information(
@@ -323,10 +320,7 @@ def spread_clipped_peaks(problem: WalkProblem, solved: Solved) -> Floats:
 
 
 def _share_rate_errors(problem: WalkProblem, values: gtsam.Values, *errors: Floats) -> Iterator[SharingFactors]:
-    """Yield the inertial factors with their columns of three numbers, one an axis, for each error of the rate.
-
-    An error (N, 3) is what an axis reads too much for a unit of its number, rad/s.
-    """
+    """Yield the inertial factors with columns of three numbers, for each error (N, 3) rad/s of the axes by a unit."""
     recording, nodes, graph = problem.recording, problem.nodes, problem.graph
     given = recording.t, *recording.integrable, nodes.sample, _list_rate_biases(problem, values)
     moved = np.concatenate([sense_rate_error(*given, error) for error in errors], axis=2)

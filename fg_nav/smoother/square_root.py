@@ -53,14 +53,11 @@ EXACT_WEIGHT = 1e6  # Of a row without a sigma: a caller's factor may be a const
 
 
 class Wanted(NamedTuple):
-    """Joint covariances to find, each of columns of one front.
+    """Joint covariances to find, each of columns of one front."""
 
-    `of_column` (N,) number of that whose first column this is, or -1, `columns` (K, d), `found` (K, d, d) to write.
-    """
-
-    of_column: Ints
-    columns: Ints
-    found: Floats
+    of_column: Ints  # (N,) number of that whose first column this is, or -1.
+    columns: Ints  # (K, d).
+    found: Floats  # (K, d, d) to write.
 
 
 class Groups(NamedTuple):

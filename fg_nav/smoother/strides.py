@@ -157,15 +157,12 @@ def _mean_squares(t: Floats, acc: Floats, gyr: Floats, sample: Ints, gravity: fl
 
 
 class Compound(NamedTuple):
-    """Samples that stand for those between nodes: `force` (K, 3) m/s^2 and `rate` (K, 3) rad/s, held for `h` (K,) s.
+    """Samples that stand for those between nodes."""
 
-    Those from node k to the next are `first[k]` to `first[k + 1]`, (M,).
-    """
-
-    force: Floats
-    rate: Floats
-    h: Floats
-    first: Ints
+    force: Floats  # (K, 3) m/s^2.
+    rate: Floats  # (K, 3) rad/s.
+    h: Floats  # (K,) s, for which each is held.
+    first: Ints  # (M,) of those from each node to the next.
 
 
 @njit(cache=True)
@@ -301,10 +298,7 @@ def walk_for(elapsed_s: Floats) -> Floats:
 
 
 def _average_about(recording: Recording, node: int) -> tuple[Floats, Floats]:
-    """Mean specific force (3,) about a node, up to the next hole, and the attitude (3, 3) by it and the field there.
-
-    In that attitude the force points up and the field north; NaN without a field.
-    """
+    """Mean specific force (3,) about a node, and the attitude (3, 3) in which it is up and the field north, or NaN."""
     t = recording.t
     first, stop = np.searchsorted(t, [t[node] - REACH_S, t[node] + REACH_S])
     holes = find_holes(t[first:stop]) + first
