@@ -171,12 +171,9 @@ def make_own_factors(extra: ExtraFactors, nodes: GraphNodes) -> OwnFactors:
     known = {*nodes.pose, *nodes.velocity, *nodes.bias}
     for i in range(graph.size()):
         factor: gtsam.NonlinearFactor | None = graph.at(i)
-        if factor is None:
-            raise EstimationError(f"extra factor {i} is none: add no empty places to the graph.")
-        joins = factor.keys()
-        if not joins:
+        if factor is None or not factor.keys():
             raise EstimationError(f"extra factor {i} joins no variable: leave it out.")
-        for key in joins:
+        for key in factor.keys():
             if key not in known:
                 raise EstimationError(
                     f"extra factor {i} joins {gtsam.DefaultKeyFormatter(key)}, which is no variable of this walk: use "

@@ -157,7 +157,16 @@ def tie_feet(right: WalkProblem, left: WalkProblem, values: FeetValues) -> Footf
     by_tie = [
         np.concatenate([one[near[: len(cells)]], taken]) for one, near, taken in zip(free, nearest, stands, strict=True)
     ]
-    of_right, of_left = (np.concatenate(each) for each in zip(by_tie, _watch_between(feet, *by_tie), strict=True))
+    # Pairs that are watched, every `WATCHED_S` where no tie is within as much: their covariance is reported.
+    cell_t = np.concatenate([[-np.inf], np.sort(feet[1].t[by_tie[1]]), [np.inf]])
+    moment = np.arange(max(foot.t[0] for foot in feet), min(foot.t[-1] for foot in feet), WATCHED_S)
+    after = np.searchsorted(cell_t, moment)
+    lonely = moment[np.minimum(moment - cell_t[after - 1], cell_t[after] - moment) > WATCHED_S]
+    pairs = np.stack([find_footfalls(lonely, foot.t) for foot in feet], axis=1)
+    is_new = [~np.isin(pairs[:, k], by_tie[k]) & (np.diff(pairs[:, k], prepend=-1) > 0) for k in range(2)]
+    apart_s = np.abs(feet[0].t[pairs[:, 0]] - feet[1].t[pairs[:, 1]])
+    watched = pairs[is_new[0] & is_new[1] & (apart_s < MAX_S)].T
+    of_right, of_left = (np.concatenate(each) for each in zip(by_tie, watched, strict=True))
     node = right.nodes.result[of_right], left.nodes.result[of_left]
     poses = list_poses(node[0], values.right), list_poses(node[1], values.left)
     in_body = [
@@ -204,19 +213,6 @@ def _find_stands(right: WalkProblem, left: WalkProblem, feet: tuple[Footfalls, F
             placed.append(place)
     of_right, of_left, grown_by = (np.array(column) for column in zip(*pairs, strict=True)) if pairs else ([], [], [])
     return np.asarray(of_right, np.int64), np.asarray(of_left, np.int64), np.asarray(grown_by, np.float64)
-
-
-def _watch_between(feet: tuple[Footfalls, Footfalls], *by_tie: Ints) -> list[Ints]:
-    """Return untied right and left footfalls, where no tie is within `WATCHED_S`: their covariance is reported."""
-    right, left = feet
-    cell_t = np.concatenate([[-np.inf], np.sort(left.t[by_tie[1]]), [np.inf]])
-    moment = np.arange(max(right.t[0], left.t[0]), min(right.t[-1], left.t[-1]), WATCHED_S)
-    after = np.searchsorted(cell_t, moment)
-    lonely = moment[np.minimum(moment - cell_t[after - 1], cell_t[after] - moment) > WATCHED_S]
-    pairs = np.stack([find_footfalls(lonely, foot.t) for foot in feet], axis=1)
-    apart_s = np.abs(right.t[pairs[:, 0]] - left.t[pairs[:, 1]])
-    is_new = [~np.isin(pairs[:, k], by_tie[k]) & (np.diff(pairs[:, k], prepend=-1) > 0) for k in range(2)]
-    return list(pairs[is_new[0] & is_new[1] & (apart_s < MAX_S)].T)
 
 
 def pair_standing_feet(right: WalkProblem, left: WalkProblem) -> NodePairs:

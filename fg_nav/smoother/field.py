@@ -57,7 +57,6 @@ from fg_nav.smoother.field_factors import (
     CompassReadings,
     FieldFactors,
     FieldPath,
-    FieldRoughness,
     Roughness,
     compass_sigma,
     deviate_along,
@@ -67,7 +66,6 @@ from fg_nav.smoother.field_factors import (
     weigh_compass,
 )
 from fg_nav.smoother.graph import UNKNOWN_HEADING_DEG, StartPrior, Trajectory, WalkProblem, solve, turn_walk
-from fg_nav.smoother.parameters import FieldParameters
 from fg_nav.smoother.sensitivity import SharingFactors, average, shared_information
 from fg_nav.smoother.solver import CONVERGENCE, FIRST_CONVERGENCE, Solved, list_attitudes, residuals_at_minimum
 from fg_nav.smoother.square_root import LinearWalk
@@ -107,17 +105,6 @@ class FieldVerdict:
 
 
 @dataclass(frozen=True)
-class FieldResiduals:
-    """The field along a walk against its mean."""
-
-    verdicts: FieldVerdicts  # Of the gate.
-    sigma_uT: Floats  # (F,) of the compass, infinite where it has no reading.
-    rough: FieldRoughness
-    nav_R_body: Floats  # (F, 3, 3).
-    reference: Floats  # (F, 2), the walk's horizontal field.
-
-
-@dataclass(frozen=True)
 class FieldSolution:
     """A walk solved with its field: the problem of the last round, its minimum, the states (F, 9), and the verdict."""
 
@@ -152,8 +139,7 @@ def solve_with_field(problem: WalkProblem, field: FootfallField, path: FieldPath
     values, states = gtsam.Values(problem.values), None
     for number in range(max(p.rounds, 1)):
         # Spread and weights of the compass by the walk as it stands; at first without the heading.
-        residuals = compare_field(problem, field, values, path, states, p)
-        problem = add_field_factors(problem, field, residuals, path, p)
+        problem, verdicts = add_field_factors(problem, field, values, path, states)
         factors = problem.get(FieldFactors)
         if number == 0:
             factors.insert(values)
@@ -170,22 +156,21 @@ def solve_with_field(problem: WalkProblem, field: FootfallField, path: FieldPath
         if number < p.rounds - 1:
             del solved  # its triangle is as large as all else
     assert states is not None
-    verdicts = residuals.verdicts
     # Notes.
     east, north = np.median(states[:, E_H], axis=0)
     forward, left, up = states[-1, IRON]
-    rough, used, count = residuals.rough, int(np.isfinite(residuals.sigma_uT).sum()), len(residuals.sigma_uT)
+    rough, sigma_uT = factors.rough, factors.readings.sigma_uT
+    used, count = int(np.isfinite(sigma_uT).sum()), len(sigma_uT)
     notes = (
         f"field over ground {np.hypot(east, north):.1f} uT, {np.degrees(np.arctan2(east, north)):+.1f} deg from north; "
-        f"the compass of {used} of {count} footfalls weighs (gate {residuals.verdicts.detector})",
+        f"the compass of {used} of {count} footfalls weighs (gate {verdicts.detector})",
         f"it deviates by {rough.white_uT:.1f} uT from stride to stride, {_write(rough.across, 'uT')}, by region "
         f"{_write(rough.regional, 'uT')}, its potential by {_write(rough.potential, 'uT m')}",
         f"hard iron left in the stance's axes: {forward:.1f}, {left:.1f}, {up:.1f} uT",
         *noise_notes,
         *describe_jumps(problem, solved),
     )
-    weight = weigh_compass(residuals.sigma_uT, rough)
-    verdict = FieldVerdict(verdicts.words, verdicts.reason, notes, verdicts.statistic, weight)
+    verdict = FieldVerdict(verdicts.words, verdicts.reason, notes, verdicts.statistic, weigh_compass(sigma_uT, rough))
     return FieldSolution(problem, solved, states, verdict)
 
 
@@ -240,16 +225,15 @@ def integrate_field(problem: WalkProblem, field: FootfallField, track: Trajector
     return integrate_path(recording.t, recording.mag, track.position, track.nav_R_body, footfall, up_uT)
 
 
-def compare_field(
-    problem: WalkProblem,
-    field: FootfallField,
-    values: gtsam.Values,
-    path: FieldPath,
-    states: Floats | None,
-    p: FieldParameters,
-) -> FieldResiduals:
-    """Return gate verdicts, sigmas (uT), roughness and reference field; `states` (F, 9) of the last round."""
-    nav_R_body = list_attitudes(problem.nodes.result, values)
+def add_field_factors(
+    problem: WalkProblem, field: FootfallField, values: gtsam.Values, path: FieldPath, states: Floats | None
+) -> tuple[WalkProblem, FieldVerdicts]:
+    """Add the factors of the field by a walk at `values`, its `states` (F, 9) those of the last round; and verdicts.
+
+    They take the place of those of the round before.
+    """
+    # The field against its mean, level before the heading is known.
+    p, nav_R_body = problem.parameters.magnetic, list_attitudes(problem.nodes.result, values)
     nav_field = rotate_field(field, nav_R_body)
     seen = np.isfinite(nav_field[:, 0])
     level = np.hypot(nav_field[:, 0], nav_field[:, 1])
@@ -260,23 +244,17 @@ def compare_field(
     else:
         reference = states[:, E_H]
         deviation = deviate_along(nav_field, reference)
+    # How rough it is, and the worth of each compass.
     weight = weigh_statistic(verdicts, p.gate)
     used = seen & np.isfinite(weight)
     rough = measure_roughness(deviation, used, path.distance_m)
     sigma_uT = np.where(used & p.compass, compass_sigma(np.where(used, weight, 1.0), rough), np.inf)
-    return FieldResiduals(verdicts, sigma_uT, rough, nav_R_body, reference)
-
-
-def add_field_factors(
-    problem: WalkProblem, field: FootfallField, residuals: FieldResiduals, path: FieldPath, p: FieldParameters
-) -> WalkProblem:
-    """Add the factors of the field to a walk, in place of those of the round before."""
-    readings = CompassReadings(problem.nodes.result, field.body_field, residuals.nav_R_body, residuals.sigma_uT)
+    readings = CompassReadings(problem.nodes.result, field.body_field, nav_R_body, sigma_uT)
     # Prior of the first state: the mean field, north by definition where no heading was given, and the iron.
-    strength, rough = float(np.linalg.norm(np.median(residuals.reference, axis=0))), residuals.rough
+    strength = float(np.linalg.norm(np.median(reference, axis=0)))
     east, north, direction_sigma = 0.0, strength, np.radians(DECLINATION_SIGMA_DEG)
     if problem.heading_known:
-        mean = np.nanmean(rotate_field(field, residuals.nav_R_body), axis=0)[:2]
+        mean = np.nanmean(nav_field, axis=0)[:2]
         east, north = strength * mean / np.linalg.norm(mean)
         direction_sigma = np.radians(FOUND_SIGMA_DEG)
     left = np.array([LEFT_IRON_LEVEL_UT, LEFT_IRON_LEVEL_UT, LEFT_IRON_UP_UT])
@@ -284,7 +262,7 @@ def add_field_factors(
     spreads = rough.potential.sigma, rough.across.sigma, rough.regional.sigma, rough.regional.sigma
     sigma = np.array([*spreads, direction_sigma * strength, STRENGTH_SIGMA_UT, *iron])
     prior = FieldPrior(np.array([0.0, 0.0, 0.0, 0.0, east, north, 0.0, 0.0, 0.0]), sigma)
-    return set_field(problem, FieldFactors(readings, path, prior, residuals.rough, p))
+    return set_field(problem, FieldFactors(readings, path, prior, rough, p)), verdicts
 
 
 def set_field(problem: WalkProblem, field: FieldFactors) -> WalkProblem:

@@ -425,7 +425,7 @@ def average_bias_walk(problem: WalkProblem, stacks: Sequence[Stack]) -> WalkProb
 def average_bias_prior(problem: WalkProblem, solved: Solved) -> WalkProblem | None:
     """Return the problem with the prior of the gyro bias that its solution shows; None where the walk would stay."""
     known, mean = problem.known, solved.values.atConstantBias(B(0)).gyroscope()
-    covariance = solved.root.covariances({B(0)})[B(0)][GYRO, GYRO]
+    covariance = solved.root.joint_covariances([[B(0)]])[0][GYRO, GYRO]
     prior_mean, prior, shift, level = match_mixture(mean, covariance, known.gyro_bias_mean, known.gyro_bias_sigma)
     if shift < 1.0:
         return None
