@@ -102,10 +102,7 @@ class DirectionFactors(BlockGroup):
 
 
 def make_direction_factors(node: Ints, piece: Ints, share: Floats, alpha: Floats, mixture: Mixture) -> DirectionFactors:
-    """Tie pairs of nodes (M, 2) to the directions A(k) + m pi/2 of their piece (M,) of the walk.
-
-    `share` (M,) is the power of each likelihood, `alpha` (n,) rad the mean of the prior of each piece.
-    """
+    """Tie pairs of nodes (M, 2) to the directions of their piece (M,), about `alpha` (n,) rad, by `share` (M,) each."""
     courses = BuildingDirection(mixture.sigma, odds_of_elsewhere(mixture.sigma, mixture.share), share)
     wide = gtsam.noiseModel.Isotropic.Sigma(1, OPEN_RAD)
     priors = (gtsam.PriorFactorVector(A(k), np.array([one]), wide) for k, one in enumerate(alpha))
@@ -308,10 +305,7 @@ class _Piece:
 def make_place_factors(
     path: Signature, stretches: Sequence[Stretch], t: Floats, position: Floats, nav_R_body: Floats, node: Ints
 ) -> PlaceFactors:
-    """Return a tie for each cell of ground that was walked again: its mean place in the later and the earliest pass.
-
-    `t` (F,) s, `position` (F, 3) m, `nav_R_body` (F, 3, 3) and `node` (F,) are those of the footfalls.
-    """
+    """Return a tie for each cell of ground that was walked again, later and at first; `t` to `node` of footfalls."""
     # Ground walked again: first passes that were not themselves recognized. Cells are longer where it is much.
     is_first = np.zeros(len(path), dtype=bool)
     for stretch in stretches:

@@ -11,8 +11,6 @@ brought to a triangle by Householder reflections,
 What comes up from the first such front is a triangle in its columns already, so only the rows that are new are
 reflected into it, by a reflection for each column of one row of the triangle and all new rows (Golub and Van Loan 2013,
 section 5.1; LAPACK's `tpqrt`). On a chain that is half the work of a front that is reflected whole.
-
-Which variables meet in each front is planned before there are numbers in it (`plan_elimination`).
 """
 
 from __future__ import annotations

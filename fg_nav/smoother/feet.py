@@ -382,10 +382,7 @@ def _smooth_turn(at: Floats, turn: Complexes, t: Floats) -> Floats:
 
 
 def order_variables(problem: FeetProblem) -> Keys:
-    """Return the keys of all variables in elimination order, chosen for small fronts.
-
-    First the chain of each foot alone, then the tied footfalls, the newest of them first, and what many join.
-    """
+    """Order the keys for small fronts: each foot's chain, then tied footfalls, newest first, and what many join."""
     chains, tied, common, moments = [], [], [], []
     for one, ties, reach, mark in (
         (problem.right, problem.ties.right, problem.reach.right, RIGHT),

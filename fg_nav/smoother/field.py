@@ -130,10 +130,7 @@ def turn_to_field(problem: WalkProblem, field: FootfallField) -> WalkProblem:
 
 
 def solve_with_field(problem: WalkProblem, field: FootfallField, path: FieldPath) -> FieldSolution:
-    """Smooth a walk with its field, in rounds: compass sigmas, verdicts and roughness from the walk of the last.
-
-    `path` is the field along the trajectory of the problem's values.
-    """
+    """Smooth a walk with its field in rounds, at first with the `path` along the trajectory of the problem's values."""
     p, noise_notes = problem.parameters.magnetic, tuple[str, ...]()
     problem = turn_to_field(problem, field)
     values, states = gtsam.Values(problem.values), None
@@ -228,10 +225,7 @@ def integrate_field(problem: WalkProblem, field: FootfallField, track: Trajector
 def add_field_factors(
     problem: WalkProblem, field: FootfallField, values: gtsam.Values, path: FieldPath, states: Floats | None
 ) -> tuple[WalkProblem, FieldVerdicts]:
-    """Add the factors of the field by a walk at `values`, its `states` (F, 9) those of the last round; and verdicts.
-
-    They take the place of those of the round before.
-    """
+    """Put the field's factors by a walk at `values`, `states` (F, 9) of the last round, into it; return verdicts."""
     # The field against its mean, level before the heading is known.
     p, nav_R_body = problem.parameters.magnetic, list_attitudes(problem.nodes.result, values)
     nav_field = rotate_field(field, nav_R_body)

@@ -183,10 +183,7 @@ def _prior_of_drift(drift_sigma_m: float) -> Floats:
 
 
 def find_riser(climb: Floats, length: Floats, drift_sigma_m: float) -> tuple[float, float]:
-    """Return riser of the stairs and noise of a climb, m, of largest evidence, from climbs (K,) m.
-
-    `length` (K,) is stride length over the usual one. At most `PILOT` strides are taken, as if independent.
-    """
+    """Return riser and noise of a climb, m, of largest evidence, from climbs (K,) m of strides of a `length` q (K,)."""
     some = np.linspace(0, len(climb) - 1, min(len(climb), PILOT)).astype(int)
     drifts, prior = DRIFTS_M[::LATTICE_STEP], _prior_of_drift(drift_sigma_m)[::LATTICE_STEP]
     off = climb[some, None] - length[some, None] * drifts
@@ -492,8 +489,7 @@ def stride_factors(
 ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
     """Return the barometer factors of a new footfall, the last of those `seen`, and the initial value of its state.
 
-    `states` are the keys of that of the footfall before and of this one, `elapsed_s` later; `values` the estimate
-    before this footfall. Both are empty without a reading.
+    `states` are the keys of the footfall before and of this one, `elapsed_s` later; `values` the estimate before it.
     """
     graph, new = gtsam.NonlinearFactorGraph(), gtsam.Values()
     (before, state), has_reading = states, bool(np.isfinite(seen.mean[-1]))

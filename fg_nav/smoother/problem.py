@@ -298,12 +298,8 @@ def walk_problem(
     progress: Callable[[float], None] | None = None,
     in_progress: bool = False,
 ) -> WalkProblem:
-    """Make the problem of a walk from what its recording shows, with values near its minimum.
-
-    `heading` of the body's x axis at the start, rad clockwise from north; None where it is not known: then zero. Of a
-    walk `in_progress` a rest that is accepted only because it touches the recording's end is dropped.
-    """
-    # Start and rests.
+    """Make the problem of a walk from what its recording shows, with values near its minimum; `heading` as `smooth`."""
+    # Start and rests; of a walk in progress without one that is accepted only because it touches the recording's end.
     start = find_start(recording, stances, heading or 0.0, p.rest)
     rests, first = start.rests, recording.t[0] + 1.0
     if in_progress:

@@ -34,16 +34,13 @@ gyro scale    w = (1 + s) w_true + b on each axis, where the magnetic field show
 clipped peaks of the rate, rebuilt, are off alike on one side of an axis: the same columns with c = -sigma of the peak
               there, 0 +- 1. They are counted.
 
-Model of the scale: IEEE Std 528; D is this project's derivation, tested against preintegration of corrected samples.
-
 Footfalls. The errors of two footfalls are nearly the same error: heading and scale belong to the walk. With e_k (4,)
 the error of footfall k, east, north, up (m) and yaw (rad), T_k the map of the tangent space of pose k to e_k, n
 combinations c of weights w_k (4, n) and g_k = T_k^T w_k,
 
     cov(c) = g^T (R^T R)^-1 g = Y^T Y,    R^T Y = g,    cov(e_k, c) = T_k X_k,    R X = Y.
 
-Numbers that the triangle does not hold move pose k by L_k a, a of unit covariance; that adds L_k sum_l L_l^T g_l. The
-length of the path has the weights w_k = u_k - u_(k+1), u the unit vectors of its moves.
+Numbers that the triangle does not hold move pose k by L_k a, a of unit covariance; that adds L_k sum_l L_l^T g_l.
 """
 
 from __future__ import annotations
@@ -270,10 +267,7 @@ def estimate_gyro_scale(problem: WalkProblem, solved: Solved) -> WalkScale:
 
 
 def average_models(information: Floats, pull: Floats, worse_nats: float = 0.0) -> GyroScale:
-    """Average scale errors over the three models, by information L (6, 6) and its vector eta (6,) of both halves.
-
-    `worse_nats` are taken off the log evidence of one scale for the whole walk.
-    """
+    """Average the three models, by L (6, 6) and eta (6,) of both halves; one scale has `worse_nats` less evidence."""
     same, own = np.kron(np.ones((2, 2)), np.eye(3)), np.eye(6)
     alike = ALIKE_SIGMA**2 * (same + MIN_OWN * own)
     priors = alike, alike + SCALE_SIGMA**2 * same, alike + SCALE_SIGMA**2 * own

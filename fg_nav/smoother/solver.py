@@ -3,10 +3,8 @@
     repeat   linearize, eliminate, step; halve the step while it raises the error
     until    the error after the step is the one that the linear model promised
 
-where the model holds its minimum is that of the graph: one linearization less than waiting for a step that changes
-nothing, and its triangle serves for the marginals (`square_root`). The outer loop is in Python, so that no factor is
-handed a copy of the values. What is minimized is a `System`: a walk (`WalkSystem`), or two feet (`feet`). On a chain
-the order of time is as good as any and leaves the last footfall at the root.
+where the model holds its minimum is that of the graph, and its triangle serves for the marginals (`square_root`). What
+is minimized is a `System`: a walk (`WalkSystem`), or two feet (`feet`).
 """
 
 from __future__ import annotations

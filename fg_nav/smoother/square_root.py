@@ -15,7 +15,6 @@ variable and separator, so
 
 P the covariance, P_SS known from the parent. With a group of variables along a path of the tree, as those of a
 footfall, comes the covariance K of all others there with G^T x of the group, and G^T P G: P G is added front by front.
-Of the covariance only what is wanted is kept, and the rest freed once no child needs it.
 """
 
 from __future__ import annotations
@@ -347,10 +346,7 @@ class LinearWalk:
         return replace(self, factors=(*self.factors, *further))
 
     def eliminate(self) -> tuple[SquareRoot, LinearWalk]:
-        """Eliminate all variables; return the triangle, and what is left, without factors.
-
-        Raises `EstimationError` where there is no unique solution, as `eliminate_before`.
-        """
+        """Eliminate all variables; return the triangle, and what is left; `EstimationError` without one solution."""
         fronts, right, left = self._eliminate(len(self.keys))
         return SquareRoot(fronts, right, self.keys, self._size), left
 
