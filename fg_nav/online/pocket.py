@@ -79,7 +79,7 @@ class PocketNavigator(SampleIntake):
 
     def __init__(
         self,
-        options: OnlineOptions = OnlineOptions(None, mount="pocket"),
+        options: OnlineOptions = OnlineOptions(heading_rad=None, mount="pocket"),
         remark: Callable[[str], None] = lambda words: None,
     ) -> None:
         """`remark` is given, in a sentence, what is odd about the samples; once for each kind of oddity."""
