@@ -495,7 +495,7 @@ def average_force(recording: Recording, count: int) -> Floats:
     Weights are a raised cosine: the mean lags by half the window.
     """
     h, (acc, gyr) = recording.periods_s, recording.integrable
-    attitude = _integrate_rates(gyr, h)
+    attitude = integrate_rates(gyr, h)
     force = acc + np.cross(gyr, acc) * (h / 2)[:, None]
     weight = 1.0 - np.cos(2 * np.pi * (np.arange(count) + 0.5) / count)
     mean = np.full((len(recording), 3), np.nan)
@@ -507,7 +507,7 @@ def average_force(recording: Recording, count: int) -> Floats:
 
 
 @njit(cache=True)
-def _integrate_rates(gyr: Floats, h: Floats) -> Floats:
+def integrate_rates(gyr: Floats, h: Floats) -> Floats:
     """Attitudes (N, 3, 3) at the stamps, from the identity, by strapdown of rates (N, 3) rad/s held for `h` (N,) s."""
     attitude = np.empty((len(gyr), 3, 3))
     R = np.eye(3)

@@ -27,8 +27,8 @@ import numpy as np
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection.mount import remove_fast
-from fg_nav.factors.rotation import relative_rotations, rotation_exp
 from fg_nav.magnetic.detectors import QUASI_STATIC, UNKNOWN
+from fg_nav.pocket.filter import integrate_rates
 from fg_nav.pocket.iterated_smoother import (
     FixedLagSmoother,
     PocketSmootherParameters,
@@ -177,8 +177,7 @@ class OnlinePocket:
             self._origin = float(rows[0, 0])
         # attitudes from the last estimate on
         both = np.concatenate([self._rows[-1:], rows])
-        periods, segment = np.append(np.diff(both[:, 0]), 0.0), np.zeros(len(both), dtype=np.int64)
-        turned = relative_rotations(both[:, 4:7], periods, segment, last.gyro_bias)[0]
+        turned = integrate_rates(both[:, 4:7] - last.gyro_bias, np.diff(both[:, 0], append=both[-1, 0]))
         attitude = np.asarray(last.nav_R_body @ turned)[-len(rows) :]
         # the estimate at the end
         self._rows = np.concatenate([self._rows, rows])
@@ -283,10 +282,9 @@ class OnlinePocket:
     def _propagate_last(self) -> Prior:
         """Estimate and covariance of the last node, its attitude propagated to the last sample by the gyroscope."""
         known = self._window.last if self._window else self._resumed or build_prior(self._start, None, self._p)
-        t, gyr, R = self._rows[self._node :, 0], self._rows[self._node : -1, 4:7], known.R
-        for turn in rotation_exp((gyr - known.y[:3]) * np.diff(t)[:, None]):
-            R = R @ turn
-        return known._replace(R=R)
+        t, gyr = self._rows[self._node :, 0], self._rows[self._node :, 4:7]
+        turned = integrate_rates(gyr - known.y[:3], np.diff(t, append=t[-1]))
+        return known._replace(R=known.R @ turned[-1])
 
     def _restart(self, lost_s: float) -> list[StrideEnd]:
         """Begin again with the next sample, `lost_s` behind the last; return the strides completed by that."""
