@@ -64,10 +64,7 @@ class OnlineOptions:
 
 
 class SampleBuffer:
-    """Rows (12,) in order of time, `first <= i < stop`.
-
-    They are kept in chunks: a long walk is never copied as a whole while it grows, and its beginning can be discarded.
-    """
+    """Rows (12,) in order of time, `first <= i < stop`, in chunks: a long walk is never copied while it grows."""
 
     def __init__(self) -> None:
         self._chunks: list[Floats] = []

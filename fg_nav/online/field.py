@@ -1,11 +1,9 @@
 """The magnetic field of a walk in progress: the batch's states and factors, one footfall at a time.
 
 `OnlineField`: roughness of the potential and drift of the line integral are those of the last solution of the walk (the
-rounds of `smoother.field`); since then a stride whose potential jumps is left out. The other roughness follows from the
-last `RECENT` footfalls, as does the statistic of the gate that weighs the compass of the newest. The gate judges a
-footfall by it and those before, as in batch, with the attitudes known then. Unlike in batch, verdict and noise of a
-footfall that is in the graph stay as they were. What a standing foot shows of the gyroscope's bias by the differential
-field joins with the next solution.
+rounds of `smoother.field`). The other roughness follows from the last `RECENT` footfalls, as does the statistic of the
+gate that weighs the compass of the newest. Unlike in batch, verdict and noise of a footfall in the graph stay as they
+were.
 
 `find_north_sigma`: where no heading was given, north is where the mean field of the walk points. At a foot the field
 deviates across that of the Earth by delta (uT): from one footfall to the next by what lies in the floor, from one room
@@ -167,10 +165,7 @@ class OnlineField:
         return find_north_sigma(across, float(self._recent[:, DISTANCE].sum()), self._strength_uT)
 
     def _judge_compass(self, stride: StrideField, nav_R_body: Floats, before: Floats) -> tuple[float, CompassVerdict]:
-        """Run the gate on the newest footfall; return sigma (uT) of its compass, infinite without, and verdict.
-
-        `before` (9,) is the state of the field at the previous footfall.
-        """
+        """Run the gate on the newest footfall; return sigma (uT) of its compass, infinite without, and verdict."""
         newest = replace(stride.footfall, nav_R_body=nav_R_body[None])
         self._judged = self._judged.join(newest).select(slice(-self._needed, None))
         verdicts = apply_gate(self._judged, self._p.gate)

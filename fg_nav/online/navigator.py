@@ -5,10 +5,7 @@
 The smoother uses the samples up to one behind the footfall, so that nothing depends on how the samples came in blocks.
 An estimate is that of the moment when the footfall was complete, and is reported once; `smoothed` returns the present
 estimates of all of them. At the end these are the result, with a path through the nodes of the graph: strapdown between
-two nodes, bent to meet the second. On demand the whole walk is solved in batch as well, its stances and field detected
-in all samples, as of a recording (`polish`).
-
-With a lag the samples are discarded once no stride needs them, and the path is known at footfalls only.
+two nodes, bent to meet the second. With a lag samples are discarded, and the path is known at footfalls only.
 """
 
 from __future__ import annotations
@@ -96,10 +93,7 @@ class SampleIntake(ABC):
 
     @abstractmethod
     def resume(self, given: GivenLines) -> None:
-        """Go on with a walk that gave these lines: its samples are pushed once more, up to `end_replay`.
-
-        `push` then returns what was not given yet.
-        """
+        """Go on with a walk that gave these lines: `push` takes its samples again, and returns what was not given."""
 
     @abstractmethod
     def end_replay(self) -> list[StanceEstimate | Revision]:

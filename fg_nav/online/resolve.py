@@ -188,14 +188,11 @@ def review_footfalls(
 
 @dataclass(frozen=True)
 class WalkSolution:
-    """A walk solved so far, with the `field` at its footfalls, None where it is not used.
-
-    `iron` is by the walk itself; None where it shows none, or a calibration was given.
-    """
+    """A walk solved so far."""
 
     walk: SolvedWalk
-    field: FootfallField | None
-    iron: MagnetometerCalibration | None
+    field: FootfallField | None  # At its footfalls; None where it is not used.
+    iron: MagnetometerCalibration | None  # By the walk itself; None where it shows none, or a calibration was given.
 
 
 def solve_from_start(walk: PartialWalk, options: OnlineOptions, has_ended: bool = False) -> AnchorState:

@@ -79,10 +79,7 @@ class Pending:
 
 
 class OnlineSmoother:
-    """A walk in progress, by the samples of a buffer that the caller fills; with a lag its beginning is discarded here.
-
-    Without a `solver` the walk is solved again in this process.
-    """
+    """A walk in progress, by the samples of a buffer that the caller fills; solved here without a `solver`."""
 
     def __init__(
         self,
@@ -344,12 +341,10 @@ class OnlineSmoother:
         self.pending, self._clock = Pending(self.n_reported + delay, len(self.footfalls)), None
 
     def _find_needed(self, start: AnchorState | None) -> int:
-        """Return the number of the first sample that a solution from `start`, and later solutions, need.
-
-        `CONTEXT_S` before the footfall of the oldest anchor, where later ones may begin; of a whole walk the first.
-        """
+        """Return the number of the first sample that a solution from `start`, and later solutions, need."""
         if start is None or not is_windowed(self.n_reported, self._has_lag):
             return self._buffer.first
+        # Later ones may begin at the oldest anchor.
         oldest = self.footfalls[self.anchors[0].stance.number].footfall
         return self._buffer.find_since(self._buffer.stamp(int(oldest.start[0])) - CONTEXT_S, self.walk.stop)
 

@@ -87,12 +87,9 @@ class SampleSource(ABC):
 
 
 class TextSource(SampleSource):
-    """Samples in lines of text; `remark` is called with sentences about rows that are none, and about the connection.
+    """Samples in lines of text."""
 
-    `away_s` is how long it was not connected before the bytes that were received last.
-    """
-
-    away_s, _has_ended = 0.0, False
+    away_s, _has_ended = 0.0, False  # How long it was not connected before the bytes that were received last.
 
     def __init__(self, reader: RowReader) -> None:
         self.name, self._remark, self._reader = reader.name, reader.remark, reader
@@ -314,10 +311,7 @@ class SenderLock:
         self._others: set[str] = set()
 
     def accept(self, host: str, port: int, is_gone: bool = False) -> float | None:
-        """Return how long the sender was away, s, 0 for one that goes on; None for another one, to be left out.
-
-        `is_gone`: the sender of before is known to have ended.
-        """
+        """Return how long the sender was away, s; None for another one. `is_gone`: the one before has ended."""
         now = time.monotonic()
         silent_s = now - self.last
         if (host, port) == (self._host, self._port) or not self._host:

@@ -105,18 +105,15 @@ def order_variables(stances: Sequence[StanceNodes], values: gtsam.Values) -> lis
 
 @dataclass(frozen=True)
 class StrideWindow:
-    """The samples from the footfall `before` to the new one, `stance`, with nodes and biases numbered within them.
-
-    `first_sample` is the number of sample 0 in the walk. `with_context` has the samples of some seconds before as well.
-    """
+    """The samples from the footfall `before` to the new one, `stance`, with nodes and biases numbered within them."""
 
     recording: Recording
     stances: Stances
     nodes: Nodes
-    first_sample: int
+    first_sample: int  # Number of sample 0 in the walk.
     before: StanceNodes
     stance: StanceNodes
-    with_context: Recording
+    with_context: Recording  # The samples of some seconds before as well.
 
     @property
     def last_before(self) -> int:

@@ -173,7 +173,7 @@ def make_own_factors(extra: ExtraFactors, nodes: GraphNodes) -> OwnFactors:
         factor: gtsam.NonlinearFactor | None = graph.at(i)
         if factor is None or not factor.keys():
             raise EstimationError(f"extra factor {i} joins no variable: leave it out.")
-        for key in factor.keys():
+        for key in list(factor.keys()):
             if key not in known:
                 raise EstimationError(
                     f"extra factor {i} joins {gtsam.DefaultKeyFormatter(key)}, which is no variable of this walk: use "
