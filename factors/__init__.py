@@ -9,11 +9,8 @@ measured. SI units, and uT.
 
 Where gtsam has a factor in C++, that one is built; where it has not, there is the residual with its Jacobians as a
 frozen dataclass of what was measured, for one instant or many (`residual`): `factor_of` makes a factor of one,
-`ResidualBlock` linearizes many together. There is no second formula anywhere.
-
-Every Python factor is built by `guarded_factor`, which checks shapes and finiteness before gtsam sees them. Inside
-an optimizer of gtsam such a factor is handed a copy of all values at each call, quadratic in the length of a walk:
-linearize with `graph.linearize(values)` from Python instead, which makes no copy.
+`ResidualBlock` linearizes many together. An optimizer of gtsam copies all values at each call of a Python factor,
+quadratic in the length of a walk: linearize with `graph.linearize(values)` from Python instead.
 """
 
 from .differential_field import DifferentialField

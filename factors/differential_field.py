@@ -17,11 +17,8 @@ W' = W - W 1 1^T W / (1^T W 1), and on x = (b, h), about x0 = (b0, 0),
     Lambda = sum_ts W'_ts A_t^T A_s,     A_t = ([u]x K_t, dR_t),     eta = sum_ts W'_ts A_t^T z_s,
     cost(x) = 1/2 (x - x0)^T Lambda (x - x0) - eta^T (x - x0),     u = sum_t w_t (z_t - dR_t h0),  w = W 1 / (1^T W 1),
 
-h0 what is expected of h. The iron stays as it is, while bias and field in the body change with time and heading: over
-the stances of a walk the two come apart. What is known of h, mean and covariance, enters when it is eliminated.
-
-No pose is needed, and absolute heading is not observed. Along u there is information only where u's direction in the
-body changes. Differences of neighbouring samples share a measurement, so all samples of a stretch enter together.
+h0 what is expected of h. What is known of h, mean and covariance, enters when it is eliminated. No pose is needed, and
+absolute heading is not observed (`docs/magnetic.md`).
 
 With vectors v = eta + Lambda x0 the quadratics of several stretches add up whatever their b0. Errors that all of a kind
 have in common (soft iron, delay, gyroscope scale) do not average out. With a sigma s of those, in rad/s,
@@ -95,9 +92,6 @@ class BiasInformation:
 
     def __add__(self, other: "BiasInformation") -> "BiasInformation":
         return BiasInformation(self.matrix + other.matrix, self.vector + other.vector)
-
-    def __sub__(self, other: "BiasInformation") -> "BiasInformation":
-        return BiasInformation(self.matrix - other.matrix, self.vector - other.vector)
 
     def scale(self, weight: Array) -> "BiasInformation":
         """Return the same times weights (...)."""
@@ -175,10 +169,7 @@ class FieldStretches:
 
 @dataclass(frozen=True)
 class StretchInformation:
-    """Of S stretches: what each shows of the bias, chi-square (S,) at its own best bias, and degrees of freedom (S,).
-
-    The covariance C is taken as it is: where chi-square is beyond its freedom, the information is too large by that.
-    """
+    """Of S stretches: what each shows of the bias, chi-square (S,) at its own best bias, degrees of freedom (S,)."""
 
     information: BiasInformation
     chi_square: Array
@@ -203,13 +194,7 @@ class FieldNoise:
 
 
 def measure_bias(stretches: FieldStretches, noise: FieldNoise, most: int) -> StretchInformation:
-    """Reduce the field of each stretch to a quadratic on gyro bias and hard iron.
-
-    Parameters
-    ----------
-    noise : field noise and hard-iron prior of the walk.
-    most : maximum samples of a stretch; neighbours are averaged down to it.
-    """
+    """Reduce the field of each stretch, averaged down to `most` samples, to a quadratic on gyro bias and hard iron."""
     found = []
     for first in range(0, len(stretches.gyro_bias), AT_ONCE):
         some = stretches.select(first, first + AT_ONCE)

@@ -31,34 +31,21 @@ of the region, to the right of it, is the deviation of the place:
 
     e = (n_E G_N - n_N G_E) / |G| - delta.
 
-A field indoors is no plumb line and must not tilt the attitude: about the horizontal axes n would change by the
-vertical field, more than twice the horizontal one in Europe. So the field is levelled by an attitude nav_R_level that
-is held, and only the turn psi about up from there to R counts (`rotation.turn_from`), Rz(psi) the rotation by it:
+A field indoors must not tilt the attitude, so it is levelled by an attitude nav_R_level that is held, that of the
+solution before, and only the turn psi about up from there to R counts (`rotation.turn_from`), Rz(psi) the rotation by
+it. With c the unit vector across G,
 
-    n = Rz(psi) nav_R_level (y - L^T h).
+    n = Rz(psi) nav_R_level (y - L^T h),
+    de/dpose = [-(n . G) / |G| dpsi/dpose, 0],   de/dE = de/dr = -(n . G) / |G|^2 c,   de/dh = -L nav_R_level^T Rz^T c.
 
-A pose that is turned too far counter-clockwise sees the field turned to the left of G by as much:
-
-    de/dpose = [-(n . G) / |G| dpsi/dpose, 0],   de/dE = de/dr = -(n . G) / |G|^2 c,   de/dh = -L nav_R_level^T Rz^T c,
-
-c the unit vector across G. With the tilt of nav_R_level dpsi/dpose is e_z^T R: no pose is tilted. (No function of the
-attitude has that derivative at every tilt, for turns about level axes do not commute.) nav_R_level is the attitude of
-the solution before; the error of its tilt belongs in the noise.
-
-The noise of the compass is robust: with x = e / sigma its loss is Cauchy's, c = `TAIL_SIGMAS`,
-
-    rho(x) = c^2 / 2 log(1 + x^2 / c^2),     rho'(x) / x = w(x) = 1 / (1 + x^2 / c^2),
-
-in two rows (`residual.hold_cauchy`).
-
-With an innovation of none, delta is one unknown for a whole stretch (field differences); with a spread of none, the
-field is known everywhere (absolute heading). A magnet moves delta where it lies, and not the heading.
+With the tilt of nav_R_level dpsi/dpose is e_z^T R: no pose is tilted. The noise is robust: with x = e / sigma the loss
+is Cauchy's, c = `TAIL_SIGMAS`, in two rows (`residual.hold_cauchy`).
 
 Line integral (`FieldPotential`): without currents the field has no curl, so over a walk only the two ends count
 ----------------------------------------------------------------------------------------------------------------
 
-B is the field in the navigation frame (East-North-Up), uT: that of the region, G, and that of the steel in it, which
-has a potential phi (uT m) that stays within bounds. With no current through the air
+B is the field in the navigation frame, uT: that of the region, G, and that of the steel in it, which has a potential
+phi (uT m) that stays within bounds. With no current through the air
 
     B = G - grad phi,     integral of B . dp from a to b = G . (p_b - p_a) - (phi_b - phi_a),
 
@@ -68,15 +55,13 @@ over the displacements of the body frame, R^T dp, which an inertial trajectory k
     u = integral of y . (R^T dp) - E_U dz,     s = integral of R^T dp (m),
     u = G . (p_b - p_a)_h + h . s - (phi_b - phi_a).
 
-A turn of the whole trajectory about up changes neither u nor s. A tilt does: gravity and the stances hold the path
-level while the field turns with the attitude. Attitudes false by theta over a stride, R -> Exp(theta) R, add
+A turn of the whole trajectory about up changes neither u nor s. A tilt by theta over a stride, R -> Exp(theta) R, adds
 
-    integral of (theta x B) . dp = theta . J,     J = integral of B x dp     (uT m, by rad),
+    integral of (theta x B) . dp = theta . J,     J = integral of B x dp     (uT m, by rad).
 
-E_U theta L for a tilt along the way: 0.1 uT m for 0.1 deg. A tilt stays for many strides, as what holds it is slow
-(bias of the accelerometer, turns). So it is no noise, and the pose of the footfall before has it. With
-nav_R_level the attitude of u at footfall k, the body's up b = R_k^T e_z shows by which theta R_k differs,
-nav_R_level b = (-theta_N, theta_E, 1) to first order, and with R_k the integral is u_k + w_k . b_k, w across up:
+It stays for many strides, so it is no noise, and the pose of the footfall before has it. With nav_R_level the attitude
+of u at footfall k, the body's up b = R_k^T e_z shows by which theta R_k differs, nav_R_level b = (-theta_N, theta_E, 1)
+to first order, and with R_k the integral is u_k + w_k . b_k, w across up:
 
     w_k = nav_R_level^T (e_z x J),     w_k . b_k = theta . J,     zero at nav_R_level.
 
@@ -90,25 +75,11 @@ s_k, u_k and w_k are all from one trajectory, and held while the attitude moves:
     de/dpose_k = [(n_E G_N - n_N G_E) dpsi/dpose - (w_k x b_k)^T, 0],
     de/dE = de/dr = n_h,     de/dh = s_k,     de/dphi_k = 1,     de/dphi_k+1 = -1.
 
-What d_k is wrong by, u_k is wrong by as well. Where the path is false by a course of f(t), from f_k to f_k+1,
-
-    error of e = integral of (E - B) . df = integral of grad phi . df:
-
-not E but the deviation counts: a stride 1 % too long is 0.01 (phi_k+1 - phi_k) wrong, some 0.05 uT m.
-
-Over a walk only the first and the last phi are left: E . p / |E_h| is a coordinate along magnetic north, good to
-sigma_phi / |E_h| wherever one stands. Over a leg of length L across the field, a constant error of heading is seen with
-
-    sigma = sqrt(2) sigma_phi / (|E_h| L),
-
-and along the field not to first order: there n_E E_N = n_N E_E.
-
-Where it fails: a path that passes through a circuit of current I picks up mu_0 I = 1.257 uT m for each ampere and keeps
-it. Soft iron makes another E_h of the Earth's field, and what adds along the path like h. A delay of the magnetometer
-turns y in the swing: take it off first. A tilt that is the same in all strides looks like iron along the path.
+What the path is false by enters with the deviation grad phi only, not with E. Over a leg of length L across the field a
+constant error of heading is seen with sqrt(2) sigma_phi / (|E_h| L), and along the field not to first order.
 
 Source: Ampere's law. That u wants no heading, and its use for one, is this project's; `docs/magnetic.md` names what is
-near to it.
+near to it, and where it fails.
 """
 
 from collections.abc import Sequence

@@ -6,11 +6,9 @@ where its formula and its derivatives stand:
 
     e (..., r)  divided by its sigma,     H_i = de/dx_i (..., r, d_i)  in gtsam's tangent space of x_i.
 
-iSAM2 takes one `factor_of` for each instant, with the unit noise model, as e is divided by its sigma already. A batch
-solver takes a `ResidualBlock`: a callback from C++ into Python takes about 30 us, and a walk has thousands of a kind.
-
-This is the one place that touches gtsam.CustomFactor, which kills the interpreter on a wrong shape or an unassigned
-Jacobian, and lets NaN and float32 pass. `guarded_factor` checks what a residual function returns before gtsam sees it.
+iSAM2 takes one `factor_of` for each instant. A batch solver takes a `ResidualBlock`: a callback from C++ into Python
+takes about 30 us, and a walk has thousands of a kind. gtsam.CustomFactor kills the interpreter on a wrong shape or an
+unassigned Jacobian, and lets NaN and float32 pass: `guarded_factor` alone makes one, and checks what it returns.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -84,14 +82,11 @@ class Stack(NamedTuple):
 
 
 class Residual(Protocol):
-    """What was measured, and the residual it leaves.
+    """What was measured, and the residual it leaves."""
 
-    `name` is for messages, `dims` are the tangent-space dimensions of the variables, `rows` is the dimension r.
-    """
-
-    name: ClassVar[str]
-    dims: ClassVar[tuple[int, ...]]
-    rows: ClassVar[int]
+    name: ClassVar[str]  # For messages.
+    dims: ClassVar[tuple[int, ...]]  # Of the variables, in tangent space.
+    rows: ClassVar[int]  # r.
 
     def evaluate(self, variables: Sequence[Array], with_jacobians: bool) -> tuple[Array, list[Array]]:
         """Return the residual over its sigma, and where asked for its Jacobians."""
@@ -143,14 +138,8 @@ def linear_factor_of(residual: Residual, keys: Sequence[int]) -> gtsam.LinearCon
     for key, x, dim in zip(keys, zero, residual.dims, strict=True):
         at.insert(key, gtsam.imuBias.ConstantBias() if isinstance(dim, _Bias) else x)
     e, H = residual.evaluate(zero, True)
-    return gtsam.LinearContainerFactor(_linear(keys, -e, H, gtsam.noiseModel.Unit.Create(len(e))), at)
-
-
-def _linear(keys: Sequence[int], b: Array, H: Sequence[Array], noise: gtsam.noiseModel.Unit) -> gtsam.JacobianFactor:
-    """Return the linear factor of right-hand side b (r,) and Jacobians H (r, d) by each key."""
     terms: list[Any] = [x for pair in zip(keys, H, strict=True) for x in pair]
-    factor: gtsam.JacobianFactor = _JACOBIAN_FACTOR(*terms, b, noise)
-    return factor
+    return gtsam.LinearContainerFactor(_JACOBIAN_FACTOR(*terms, -e, gtsam.noiseModel.Unit.Create(len(e))), at)
 
 
 _JACOBIAN_FACTOR: Any = gtsam.JacobianFactor  # Of any number of keys, which its types do not say.

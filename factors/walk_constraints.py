@@ -1,5 +1,7 @@
 """What is known of a walk besides its inertial samples: corridors, level floors, surveyed positions, air pressure.
 
+Reasons, values and limits: `docs/models.md`.
+
 Directions of a building (`BuildingDirection`): heuristic drift elimination, as a mixture that switches itself off
 ------------------------------------------------------------------------------------------------------------------
 
@@ -19,28 +21,19 @@ The negative logarithm is the loss, with x = r / s the whitened residual and the
     rho(x) = log(1 + c) - log(exp(-x^2/2) + c),    c = s (1 - P) / P sqrt(8 / pi),
     rho'(x) / x = w(x) = exp(-x^2/2) / (exp(-x^2/2) + c).
 
-The weight is the probability that the walk follows the building; across an open space it is zero. s is what people
-weave, and by how much corridors are off a right angle: one error of all displacements along a corridor, so each has a
-share h <= 1 of its loss (a power likelihood), by which a leg counts as few of them.
+The weight is the probability that the walk follows the building. The error of a corridor is that of all displacements
+along it, so each has a share h <= 1 of its loss (a power likelihood), by which a leg counts as few of them.
 
 Source: Borenstein & Ojeda 2010 (J. Navigation 63); AIEZ (27), (28) compare a course with those before it instead, with
 a threshold, and a zero beyond it in place of no row. The mixture is this project's.
 
-Position fix: a surveyed point, or a receiver's position, in the navigation frame
----------------------------------------------------------------------------------
-The factor is gtsam's own `GPSFactor`, on the axes of the navigation frame: e = p - fix.
-
-A fix that is known in the plane only has an infinite sigma upwards. Fixes are taken as independent: take one each ten
-seconds or so.
+Position fix: gtsam's own `GPSFactor`, e = p - fix on the axes of the navigation frame, with `position_fix_noise`.
 
 Floors (`FloorHeight`): all footfalls on one floor of a building are at one height
 ----------------------------------------------------------------------------------
-Each floor has its height Z (1-vector, m) as a variable, each footfall on it the residual
+Each floor has its height Z (1-vector, m) as a variable, each footfall on it, at the height z, the residual
 
-    e = z - Z,    de/dpose = [0, e_z^T nav_R_body],    de/dZ = -1,
-
-z the height of the sensor (navigation frame, z up); its scatter above the floor from stance to stance is the noise.
-Which footfall is on which floor has to be decided elsewhere (`fg_nav.smoother.heights`): a ramp looks like drift.
+    e = z - Z,    de/dpose = [0, e_z^T nav_R_body],    de/dZ = -1.
 
 Barometric height (`BarometricHeight`, `BarometerDrift`): height plus an offset is what the pressure shows
 ----------------------------------------------------------------------------------------------------------
@@ -48,8 +41,7 @@ The hypsometric equation turns a pressure p into a height h above that of p_0, i
 
     h = R T / (g M) log(p_0 / p),    dh = -dp R T / (g M p).
 
-With the state (o, r) of the barometer, o m the offset by weather, ventilation, doors and wind, r m/s the tendency of
-the weather, the residual of a footfall is
+With the state (o, r) of the barometer, o m its offset and r m/s the tendency of the weather, a footfall has
 
     e = z + o - h,    de/dpose = [0, e_z^T nav_R_body],    de/d(o, r) = [1, 0],
 
@@ -65,9 +57,6 @@ direction of up in the body frame, R^T e_z, psi the turn about up from one attit
     e = (p_2 - p_1) / s_p                                       over ground and up, each with its own s_p
     e = wrap(psi - turn) / s_psi                                rad
     e = (u_2 - u_1) / s_u                                       a foot is put down as flat as before
-
-The rows of u are three and have rank two; they leave the heading alone, and hold at any angle. psi has no derivative
-where the foot has turned by exactly half a turn more than expected.
 """
 
 from collections.abc import Sequence

@@ -16,14 +16,11 @@ the columns of the pose being rotation, then translation, both in the body frame
 unchanged. In navigation axes it would rotate with the heading; Gauss-Newton drops the second derivative that cancels
 this, and gains spurious information on the heading, 1 rad^-2 per stance.
 
-With l = 0 and no settling this is the plain zero-velocity update (ZUPT). Used by `fg_nav.smoother.strides`: in batch by
-`join_velocities`, online by `stride_graph`.
+With l = 0 and no settling this is the plain zero-velocity update (ZUPT).
 
-Zero rate (ZARU). Over a rest the mean rate of the gyroscope is its bias, since scale factors do not act on a sensor
-that does not turn. A still part of a stride's stance is not a rest (Skog et al. 2010, on zero angular rate): a foot
-that leans by half a degree in half a second shows its bias to 1 deg/s. Whether a foot rests in its slow sway cannot be
-seen, so the noise is robust: rows of W (b - rate), W the inverse root of the covariance, with Cauchy's loss of their
-norm.
+Zero rate (ZARU). Over a rest, which a still part of a stance is not (Skog et al. 2010), the mean rate of the gyroscope
+is its bias. Whether a foot rests in its slow sway cannot be seen, so the noise is robust: rows of W (b - rate), W the
+inverse root of the covariance, with Cauchy's loss of their norm.
 """
 
 from collections.abc import Sequence

@@ -53,32 +53,24 @@ if TYPE_CHECKING:
     from fg_nav.truth import TrajectoryTruth as TrajectoryTruth
     from fg_nav.walk import Options as Options
 
-_HOME = {
-    "FeetResult": "fg_nav.both_feet",
-    "FgNavError": "fg_nav.errors",
-    "Fix": "fg_nav.truth",
-    "FootprintTruth": "fg_nav.truth",
-    "GraphNodes": "fg_nav.smoother",
-    "Options": "fg_nav.walk",
-    "Recording": "fg_nav.recording",
-    "Result": "fg_nav.pipeline",
-    "SmoothedWalk": "fg_nav.smoother",
-    "SmootherParameters": "fg_nav.smoother",
-    "Solution": "fg_nav.solution",
-    "Stances": "fg_nav.detection.stance",
-    "TrajectoryTruth": "fg_nav.truth",
-    "average_footfall_field": "fg_nav.magnetic.footfall_field",
-    "detect_stances": "fg_nav.detection",
-    "evaluate": "fg_nav.evaluation",
-    "navigate": "fg_nav.pipeline",
-    "navigate_feet": "fg_nav.both_feet",
-    "read": "fg_nav.io",
-    "read_truth": "fg_nav.io",
-    "run_iez": "fg_nav.ekf",
-    "simulate": "fg_nav.lab.simulation",
-    "smooth": "fg_nav.smoother",
-    "smooth_graph": "fg_nav.smoother",
+_PUBLIC = {
+    "fg_nav.both_feet": ("FeetResult", "navigate_feet"),
+    "fg_nav.detection": ("detect_stances",),
+    "fg_nav.detection.stance": ("Stances",),
+    "fg_nav.ekf": ("run_iez",),
+    "fg_nav.errors": ("FgNavError",),
+    "fg_nav.evaluation": ("evaluate",),
+    "fg_nav.io": ("read", "read_truth"),
+    "fg_nav.lab.simulation": ("simulate",),
+    "fg_nav.magnetic.footfall_field": ("average_footfall_field",),
+    "fg_nav.pipeline": ("Result", "navigate"),
+    "fg_nav.recording": ("Recording",),
+    "fg_nav.smoother": ("GraphNodes", "SmoothedWalk", "SmootherParameters", "smooth", "smooth_graph"),
+    "fg_nav.solution": ("Solution",),
+    "fg_nav.truth": ("Fix", "FootprintTruth", "TrajectoryTruth"),
+    "fg_nav.walk": ("Options",),
 }
+_HOME = {name: module for module, names in _PUBLIC.items() for name in names}
 
 # What a solution asks of the report, for `Solution.plot` and `Solution.save`.
 _UPWARD = {"plot_solution": "fg_nav.report.files", "save_solution": "fg_nav.report.files"}

@@ -1,7 +1,7 @@
 """Two recordings of one walk, of a sensor on each foot, navigated as one.
 
     prepare_walk    each recording: all that is checked and corrected of one foot's         (`fg_nav.pipeline`)
-    align_clocks    the second recording's clock set to the first one's                     (`fg_nav.feet.clocks`)
+    match_swings    the second recording's clock set to the first one's                     (`fg_nav.feet.clocks`)
     headings        of both sensors at their starts, by the directions of the steps         (`fg_nav.feet.steps`)
     smooth_feet     both feet in one graph                                                  (`fg_nav.smoother.feet`)
     sides           which recording is of which foot: by the user, or by the width between
@@ -27,7 +27,7 @@ from fg_nav.estimators import Progress, blaming_changes, check_use, choose_param
 from fg_nav.evaluation.comparison import compare, interpolate_truth
 from fg_nav.evaluation.metrics import Metrics, evaluate
 from fg_nav.feet import SIDES, Side
-from fg_nav.feet.clocks import ClockOffset, align_clocks
+from fg_nav.feet.clocks import ClockOffset, list_swings, match_swings
 from fg_nav.feet.person import FeetSolution, trace_person
 from fg_nav.feet.steps import Footfalls, keep_longest_part, keep_walked_parts, measure_relative_heading
 from fg_nav.io import Reading
@@ -114,6 +114,7 @@ class FeetResult(Solution):
         """
         side = next(iter(feet))
         first, usable, doubts = feet[side], feet, pairing.doubts
+        # the person's path, and what is doubtful in it
         if solved is not None:
             person = solved.person
             pairing = replace(
@@ -131,6 +132,7 @@ class FeetResult(Solution):
             person, method=first.method, parameters=first.parameters, notes=(*doubts, *notes),
             runtime_s=max(foot.runtime_s for foot in feet.values()),
         ).widen(max(foot.walk.recording.provenance.rate_sigma for foot in feet.values()))  # fmt: skip
+        # errors, where the truths can be used
         metrics, truth, comparison = evaluate(solution), None, None
         try:
             truth = _find_truth(usable)
@@ -377,7 +379,7 @@ def _navigate_both(feet: Mapping[Side, Walk], pairing: Pairing, method: str, pro
     order, known = pairing.order, pairing.sides
     first, second, notes = feet[order[0]], feet[order[1]], list[str]()
     if not pairing.clock_given:
-        clocks = align_clocks(first.recording, first.stances, second.recording, second.stances)
+        clocks = match_swings(*(list_swings(walk.recording, walk.stances) for walk in (first, second)))
         second, notes = _shift_clock(second, clocks), [clocks.note] * bool(clocks.note)
         pairing = replace(pairing, clock_offset_s=clocks.offset_s, clock_drift=clocks.drift)
     walks = replace(first, beside=second.recording.t), replace(second, beside=first.recording.t)

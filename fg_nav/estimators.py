@@ -18,8 +18,6 @@ from fg_nav.text import DETECTOR, Changes, change_parameters, explain_no_paramet
 
 if TYPE_CHECKING:
     from fg_nav.calibration.of_recording import Calibration
-    from fg_nav.online.pocket import Navigator
-    from fg_nav.recording import Recording
     from fg_nav.smoother import SmootherParameters
     from fg_nav.solution import Solution
     from fg_nav.walk import Magnetic, Mount, Options, Walk
@@ -104,34 +102,33 @@ def _smoother(
 
 
 def _online(walk: Walk, progress: Progress | None) -> Solution:
-    """Feed a recording sample by sample to the online navigator, which finds the stances itself; return its path."""
-    from fg_nav.online import OnlineNavigator
-    from fg_nav.online.buffer import OnlineOptions
+    """Feed a recording to the online navigator, which finds stances or strides itself; return its path."""
+    from fg_nav.online.buffer import OnlineOptions, taken_rows
     from fg_nav.online.navigator import finish_walk
+    from fg_nav.online.pocket import begin_walk
 
-    options, calibration = walk.options, None if walk.calibration is None else walk.calibration.magnetometer
+    options, in_pocket = walk.options, walk.options.mount == "pocket"
+    if in_pocket and options.known_distance_m is not None:
+        raise EstimationError(
+            "online does not know how far a walk will go: give --step-constant in place of --known-distance."
+        )
+    recording = walk.recording if walk.sensed is None else walk.sensed
     given = OnlineOptions(
+        mount=options.mount or "foot",
         heading_rad=options.heading_rad,
-        use_field=walk.field is not None,
+        use_field=(recording.mag if in_pocket else walk.field) is not None,
         parameters=choose_parameters(options, walk.calibration),
         axes_given=options.mag_axes is not None,
         fixes=walk.fixes,
-        calibration=calibration,
+        calibration=None if walk.calibration is None else walk.calibration.magnetometer,
+        step_constant_m=options.step_constant_m,
     )
-    navigator = OnlineNavigator(given)
-    _push_recording(navigator, walk.recording if walk.sensed is None else walk.sensed, progress)
-    return finish_walk(navigator, options.polish, progress, walk.stances)
-
-
-def _push_recording(navigator: Navigator, recording: Recording, progress: Progress | None) -> None:
-    """Push a recording in blocks of rows."""
-    from fg_nav.online.buffer import taken_rows
-
-    rows = taken_rows(recording)
-    for start in range(0, len(recording), BLOCK):
+    navigator, rows = begin_walk(given, lambda words: None), taken_rows(recording)
+    for start in range(0, len(rows), BLOCK):
         navigator.add_rows(rows[start : start + BLOCK])  # they were judged as a recording
         if progress is not None:
-            progress(start / len(recording))
+            progress(start / len(rows))
+    return finish_walk(navigator, options.polish, progress, walk.stances)
 
 
 def _filter(method: str, walk: Walk, progress: Progress | None) -> Solution:
@@ -164,29 +161,6 @@ def _pocket(method: str, walk: Walk, progress: Progress | None) -> Solution:
     return navigate_pocket(walk.recording, method, options.heading_rad, *lengths, progress, walk.gnss)
 
 
-def _pocket_online(walk: Walk, progress: Progress | None) -> Solution:
-    """Feed a pocket recording sample by sample to the online pocket navigator; return its path."""
-    from fg_nav.online.buffer import OnlineOptions
-    from fg_nav.online.navigator import finish_walk
-    from fg_nav.online.pocket import PocketNavigator
-
-    options = walk.options
-    if options.known_distance_m is not None:
-        raise EstimationError(
-            "online does not know how far a walk will go: give --step-constant in place of --known-distance."
-        )
-    given = OnlineOptions(
-        mount="pocket",
-        heading_rad=options.heading_rad,
-        use_field=walk.recording.mag is not None,
-        axes_given=options.mag_axes is not None,
-        step_constant_m=options.step_constant_m,
-    )
-    navigator = PocketNavigator(given)
-    _push_recording(navigator, walk.recording, progress)
-    return finish_walk(navigator, options.polish, progress)
-
-
 def _list_filters() -> Iterator[Method]:
     """Yield the filters of the papers: those with a compass judge the field by a detector of their preset."""
     for end in ("", RTS):
@@ -210,7 +184,7 @@ _TABLE = (
     *_list_filters(),
     Method("pocket", partial(_pocket, "pocket"), "pocket", uses=_GNSS),
     Method("munoz-diaz2017", partial(_pocket, "munoz-diaz2017"), "pocket", uses=_GNSS),
-    Method("online", _pocket_online, "pocket", uses=frozenset(("polish",))),
+    Method("online", _online, "pocket", uses=frozenset(("polish",))),
 )
 _MOUNTS: tuple[Mount, ...] = ("foot", "pocket")
 METHODS: dict[Mount, dict[str, Method]] = {

@@ -35,8 +35,6 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.system.compiled import njit
 
 SERIES_BELOW = 0.01  # Squared angle, rad^2, below which the series are exact to rounding.
-
-
 TILT_TIME_S = 0.25  # Time constant of `nudge_tilt` where a foot that stands shows which way is up.
 
 

@@ -291,18 +291,31 @@ def note_nominal_rate(raw: RawRecording, sigma: float = NOMINAL_SIGMA) -> RawRec
 
 
 def _admit(raw: RawRecording, longest_gap_s: float) -> Recording:
+    """Return the recording of a file's samples; the steps in the order of the table on top of this file."""
     _check_shapes(raw.t, raw.acc, raw.gyr, raw.mag, raw.pressure)
     _check_count(len(raw.t))
+    # units and gravity; missing samples
     is_usable = plausibility.find_usable_samples(raw.t, raw.acc, raw.gyr)
     for problem in plausibility.find_lasting_problems(raw.t, raw.acc, raw.gyr, raw.mag, is_usable):
         raise RecordingError(f"{problem}.")
     usable = np.flatnonzero(is_usable)
     _check_count(len(usable))
+    # stamps that repeat or fall
     found = order_stamps(raw.t[usable], np.hstack([raw.acc[usable], raw.gyr[usable]]), raw.row[usable], longest_gap_s)
     kept = usable[found.kept]
     _check_count(len(kept))
     missing = _judge_missing(raw, is_usable, int(kept.min()), int(kept.max()))
-    notes = [*raw.provenance.notes, *missing, *found.remarks, *_note_gaps(raw, kept, found.t)]
+    notes = [*raw.provenance.notes, *missing, *found.remarks]
+    # gaps: those bridged from the samples around them, or too long for that
+    step = np.diff(found.t)
+    worst = int(np.argmax(step))
+    longest = f"the longest of {1e3 * step[worst]:.0f} ms before row {raw.row[kept[worst + 1]]}"
+    gaps, unseen = int((step > GAP_PERIODS * np.median(step)).sum()), int((step > MAX_GAP_S).sum())
+    if unseen:
+        bridged = f"{format_count(unseen, 'gap')} of more than {MAX_GAP_S:g} s is bridged, {longest}"
+        notes.append(f"{bridged}: heading and position behind it are less certain")
+    elif gaps:
+        notes.append(f"{format_count(gaps, 'gap')} of more than two samples, {longest}")
     # a sensor samples evenly, however its samples were stamped on the way
     t = remove_jitter(found.t)
     if not np.array_equal(t, found.t):
@@ -390,19 +403,6 @@ def _judge_missing(raw: RawRecording, usable: Bools, first: int, last: int) -> l
             f"row {row}{f' (t = {t:.3f} s)' if np.isfinite(t) else ''}: export the recording again."
         )
     return [f"left out {format_count(len(missing), 'missing sample')}, the first in row {raw.row[missing[0]]}"]
-
-
-def _note_gaps(raw: RawRecording, kept: Ints, t: Floats) -> list[str]:
-    """Return notes on the gaps: those bridged from the samples around them, and those too long for that."""
-    step = np.diff(t)
-    worst = int(np.argmax(step))
-    longest = f"{1e3 * step[worst]:.0f} ms before row {raw.row[kept[worst + 1]]}"
-    gaps, unseen = step > GAP_PERIODS * np.median(step), step > MAX_GAP_S
-    noted = [f"{format_count(int(gaps.sum()), 'gap')} of more than two samples, the longest of {longest}"]
-    long = f"{format_count(int(unseen.sum()), 'gap')} of more than {MAX_GAP_S:g} s is bridged, the longest of {longest}"
-    if unseen.any():
-        return [f"{long}: heading and position behind it are less certain"]
-    return noted if gaps.any() else []
 
 
 def find_extra_sigmas(recording: Recording, saturated_share: float) -> tuple[Floats, Floats]:

@@ -68,6 +68,15 @@ class StanceTable:
         """(K, 3) standard deviations of position, m."""
         return np.sqrt(np.diagonal(self.position_cov, axis1=1, axis2=2))
 
+    @property
+    def position_yaw_cov(self) -> Floats:
+        """`pose_cov`; of an estimator that has none, without the cross-covariance of position and yaw."""
+        if self.pose_cov is not None:
+            return self.pose_cov
+        cov = np.zeros((len(self), 4, 4))
+        cov[:, :3, :3], cov[:, 3, 3] = self.position_cov, self.heading_sigma**2
+        return cov
+
     def to_dataframe(self) -> pd.DataFrame:
         """Return a table of `STRIDE_COLUMNS`, one row a stance; headings in [0, 360) deg clockwise from north."""
         import pandas as pd

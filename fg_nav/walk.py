@@ -50,31 +50,6 @@ OWN_GNSS = Path("own")  # in place of a file of GNSS fixes: those in the recordi
 class Options:
     """What a user can choose.
 
-    Attributes
-    ----------
-    use_magnetometer : whether the methods see the magnetometer at all.
-    heading_deg : heading of the body's x axis at the start, degrees clockwise from north; None where it is not known:
-        then zero, or from the field in methods that use it.
-    alignment : how a solution is aligned with the truth (`fg_nav.evaluation.comparison`).
-    truth_path : file with the truth; without one the truth in the recording is taken, if there is one.
-    gate : detector that weighs the field at a footfall, one of `fg_nav.magnetic.detectors.GATES`; a filter with a
-        compass has a detector of its own.
-    magnetic : factors of the field in the graph: "all", or "card", magnetic heading and differential field alone: no
-        line integrals, no recognized places.
-    calibration_path : file with a calibration to apply; None to take the recording as it is.
-    mag_axes : of the magnetometer in those of the gyroscope, where they are not the same; None for the same, if the
-        recording does not show that they are others.
-    preset : of the filters (`fg_nav.ekf.presets`).
-    fixes_path : file with fixes of the position for the smoother; None without.
-    gnss_path : file with a receiver's fixes (`fg_nav.io.read_gnss`), or `OWN_GNSS`; None to use none.
-    mount : where the sensor is worn, checked against the recording; None for a foot, unchecked.
-    step_constant_m, known_distance_m : for the length of a step, with the sensor in a pocket
-        (`fg_nav.pocket.dead_reckoning`).
-    changes : parameters to override, by the method's name and their dotted name, as `smoother.magnetic.rounds`; those
-        of the stances as `detector.threshold`; ignored for a pocket.
-    polish : whether the online method solves the walk in batch as well.
-    places_path : file with the places of an earlier walk, on which this one is to be located; None without.
-
     Examples
     --------
     >>> options = fg_nav.Options(use_magnetometer=False, heading_deg=90.0, changes=(("smoother.node_spacing_s", 0.1),))
@@ -82,23 +57,31 @@ class Options:
     0.1
     """
 
-    use_magnetometer: bool = True
+    use_magnetometer: bool = True  #: whether the methods see the magnetometer at all
+    #: of the body's x axis at the start, degrees clockwise from north; None for zero, or from the field in methods that
+    #: use it
     heading_deg: float | None = None
-    alignment: str = "yaw"
-    truth_path: Path | None = None
+    alignment: str = "yaw"  #: how a solution is aligned with the truth (`fg_nav.evaluation.comparison`)
+    truth_path: Path | None = None  #: file with the truth; None for that in the recording, if there is one
+    #: detector that weighs the field at a footfall, one of `fg_nav.magnetic.detectors.GATES`; a filter with a compass
+    #: has a detector of its own
     gate: str = DEFAULT
+    #: factors of the field in the graph: "card", magnetic heading and differential field alone: no line integrals, no
+    #: recognized places
     magnetic: Magnetic = "all"
-    calibration_path: Path | None = None
-    preset: str = "tuned"
-    fixes_path: Path | None = None
-    mount: Mount | None = None
-    step_constant_m: float | None = None
-    known_distance_m: float | None = None
+    calibration_path: Path | None = None  #: file with a calibration to apply
+    preset: str = "tuned"  #: of the filters (`fg_nav.ekf.presets`)
+    fixes_path: Path | None = None  #: file with fixes of the position for the smoother
+    mount: Mount | None = None  #: where the sensor is worn, checked against the recording; None for a foot, unchecked
+    step_constant_m: float | None = None  #: for the length of a step, in a pocket (`fg_nav.pocket.dead_reckoning`)
+    known_distance_m: float | None = None  #: walked, to find the step constant by
+    #: parameters to override, by the method's name and their dotted name, as `smoother.magnetic.rounds`; those of the
+    #: stances as `detector.threshold`; ignored for a pocket
     changes: Changes = ()
-    mag_axes: MagAxes | None = None
-    polish: bool = False
-    places_path: Path | None = None
-    gnss_path: Path | None = None
+    mag_axes: MagAxes | None = None  #: of the magnetometer in those of the gyroscope; None for the same, or as it shows
+    polish: bool = False  #: whether the online method solves the walk in batch as well
+    places_path: Path | None = None  #: file with the places of an earlier walk, on which this one is to be located
+    gnss_path: Path | None = None  #: file with a receiver's fixes (`fg_nav.io.read_gnss`), or `OWN_GNSS`
 
     @property
     def heading_rad(self) -> float | None:

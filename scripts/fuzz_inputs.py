@@ -253,6 +253,7 @@ HEADER = [
 """Of canonical rows."""
 
 FOOT, LAGGED = OnlineOptions(heading_rad=None), OnlineOptions(heading_rad=None, lag_s=12.0)
+THIGH = OnlineOptions(heading_rad=None, mount="pocket")
 
 CONFIGURED = {
     "config.json": "smoother",
@@ -274,7 +275,7 @@ COMPANIONS: dict[str, Callable[[Path], bytes]] = {
     "scenario.toml": lambda folder: SCENARIO,
     **{
         f"{name}.record{end}": partial(_write_record, options, end)
-        for name, options in (("foot", FOOT), ("lagged", LAGGED), ("thigh", OnlineOptions(None, mount="pocket")))
+        for name, options in (("foot", FOOT), ("lagged", LAGGED), ("thigh", THIGH))
         for end in ("", LINES)
     },
 }

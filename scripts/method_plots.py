@@ -24,6 +24,7 @@ from matplotlib.figure import Figure
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.io import read
+from fg_nav.lab import palette
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.pipeline import prepare_walk, run_method
 from fg_nav.recording import Recording
@@ -75,7 +76,7 @@ def plot_paths(tracks: Sequence[Track], title: str) -> Figure:
     """Draw one panel a method, each over the truth, on common axes."""
     with style.styled():
         figure, panels = _panels(tracks, title)
-        for axes, track, colour in zip(panels, tracks, style.colours(len(tracks)), strict=True):
+        for axes, track, colour in zip(panels, tracks, palette.colours(len(tracks)), strict=True):
             _draw_truth(axes, track)
             axes.plot(*track.estimate.T, color=colour, linewidth=0.8, zorder=3)
             axes.plot(*track.estimate[-1], "s", color=style.INK, markersize=4.5, markerfacecolor="white", zorder=5)
@@ -89,8 +90,8 @@ def plot_detection_maps(tracks: Sequence[Track], title: str) -> Figure:
         figure, panels = _panels([_on_the_way(track) for track in tracks], title)
         for axes, track in zip(panels, tracks, strict=True):
             place, used = _on_the_way(track).estimate, track.used
-            axes.plot(*place[~used].T, ".", color=style.TRUTH, markersize=2.0, label="not used")
-            axes.plot(*place[used].T, ".", color=style.VERMILION, markersize=3.0, label="used")
+            axes.plot(*place[~used].T, ".", color=palette.TRUTH, markersize=2.0, label="not used")
+            axes.plot(*place[used].T, ".", color=palette.VERMILION, markersize=3.0, label="used")
             axes.set_title(f"{track.method}: {100 * used.mean():.0f} % used")
         handles, labels = panels[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=2, markerscale=3.0)
@@ -102,7 +103,7 @@ def plot_error_over_distance(walks: Mapping[str, Sequence[Track]], title: str) -
     with style.styled():
         figure = style.new_figure(3.8)
         axes = figure.subplots()
-        for (method, tracks), colour, dash in zip(walks.items(), style.colours(len(walks)), _dashes(), strict=False):
+        for (method, tracks), colour, dash in zip(walks.items(), palette.colours(len(walks)), _dashes(), strict=False):
             distance, error = _on_one_grid(tracks)
             low, middle, high = np.percentile(error, [LOW, 50.0, HIGH], axis=0)
             axes.plot(distance, middle, dash, color=colour, label=method)
@@ -130,7 +131,7 @@ def _legend_columns(methods: int) -> int:
 def _dashes() -> Iterator[str]:
     """Tell methods apart whose colours are the same: solid as long as colours last, then broken."""
     for dash in ("-", "--", ":"):
-        yield from (dash for _ in style.CYCLE)
+        yield from (dash for _ in palette.CYCLE)
 
 
 def _panels(tracks: Sequence[Track], title: str) -> tuple[Figure, list[Axes]]:
@@ -156,9 +157,9 @@ def _panels(tracks: Sequence[Track], title: str) -> tuple[Figure, list[Axes]]:
 
 def _draw_truth(axes: Axes, track: Track) -> None:
     if track.every:
-        axes.plot(*track.truth.T, **style.TRUTH_LINE, zorder=1)
+        axes.plot(*track.truth.T, **palette.TRUTH_LINE, zorder=1)
     else:
-        axes.plot(*track.truth.T, "s", color=style.TRUTH, markersize=5, markerfacecolor="none", zorder=1)
+        axes.plot(*track.truth.T, "s", color=palette.TRUTH, markersize=5, markerfacecolor="none", zorder=1)
 
 
 def _on_the_way(track: Track) -> Track:
@@ -175,7 +176,7 @@ def _on_one_grid(tracks: Sequence[Track]) -> tuple[Floats, Floats]:
 
 WALK = 33
 DRAWN = {"smoother": "fg-nav", "iez": "zero-velocity filter (IEZ)"}
-COLORS = {"smoother": style.BLUE, "iez": style.VERMILION}
+COLORS = {"smoother": palette.BLUE, "iez": palette.VERMILION}
 MAX_POINTS = 4000
 
 
@@ -203,9 +204,9 @@ def draw_walk(axes: Axes, recording: Recording, methods: Sequence[str]) -> Mappi
     truth = walk.truth
     if isinstance(truth, TrajectoryTruth):
         path = truth.position[:: len(truth.position) // MAX_POINTS + 1]
-        axes.plot(*path[:, :2].T, **style.TRUTH_LINE, label="truth")
+        axes.plot(*path[:, :2].T, **palette.TRUTH_LINE, label="truth")
     elif isinstance(truth, FootprintTruth):
-        axes.plot(*truth.xy.T, "s", color=style.TRUTH, markersize=4.5, label="surveyed footprints")
+        axes.plot(*truth.xy.T, "s", color=palette.TRUTH, markersize=4.5, label="surveyed footprints")
     for method in methods:
         outcome = run_method(walk, method)
         assert outcome.comparison is not None

@@ -149,7 +149,7 @@ def push_walk(seed: int, lag_s: float | None) -> Fate:
     heading = float(compute_heading(truth.nav_R_body[np.searchsorted(truth.t, rows[0, 0])])) if known_heading else None
     fate = Fate(seed, defects)
     try:
-        options = OnlineOptions(heading, bool(rng.random() < 0.7), lag_s)
+        options = OnlineOptions(heading_rad=heading, use_field=bool(rng.random() < 0.7), lag_s=lag_s)
         navigator = OnlineNavigator(options)
         for block in blocks(rows, rng):
             navigator.push(block[:, 0], block[:, 1:4], block[:, 4:7], block[:, 7:10])

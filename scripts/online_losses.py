@@ -111,7 +111,7 @@ def _walk_with(recording: Recording, lost: str, rng: np.random.Generator, unseei
     assert isinstance(truth, TrajectoryTruth)
     assert truth.nav_R_body is not None
     heading = float(compute_heading(truth.nav_R_body[np.searchsorted(truth.t, cut.t[0])]))
-    navigator = OnlineNavigator(OnlineOptions(heading, not unseeing))
+    navigator = OnlineNavigator(OnlineOptions(heading_rad=heading, use_field=not unseeing))
     block = round(BLOCK_S / cut.period_s)
     mag = np.full_like(cut.acc, np.nan) if cut.mag is None else cut.mag
     for i in range(0, len(cut), block):

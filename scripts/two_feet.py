@@ -44,7 +44,7 @@ from fg_nav.arrays import Floats, interpolate_columns
 from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError, FgNavError
 from fg_nav.evaluation.comparison import align
-from fg_nav.feet.clocks import align_clocks
+from fg_nav.feet.clocks import list_swings, match_swings
 from fg_nav.feet.person import FeetSolution
 from fg_nav.feet.steps import Footfalls, find_steps
 from fg_nav.frames import compute_heading, wrap_angle
@@ -436,7 +436,9 @@ def measure_clocks(chosen: argparse.Namespace) -> list[Figure]:
         errors = []
         for offset in OFFSETS_S:
             try:
-                found = align_clocks(left, stances[0], replace(right, t=right.t + offset), stances[1]).offset_s
+                found = match_swings(
+                    list_swings(left, stances[0]), list_swings(replace(right, t=right.t + offset), stances[1])
+                ).offset_s
                 errors.append(abs(found + offset))
             except EstimationError:
                 errors.append(np.inf)

@@ -230,6 +230,26 @@ def test_what_is_public_says_what_it_is(path):
         assert ast.get_docstring(node), f"{node.name} has no docstring"
 
 
+def list_names(tree):
+    """Names that the body of a module assigns or defines, as often as it does."""
+    names = []
+    for node in tree.body:
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
+            names.append(node.name)
+        elif isinstance(node, (ast.Assign, ast.AnnAssign)):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            parts = [part for target in targets for part in ast.walk(target) if isinstance(part, ast.Name)]
+            names += [part.id for part in parts if isinstance(part.ctx, ast.Store)]
+    return names
+
+
+@pytest.mark.parametrize("path", LIBRARY, ids=module_name)
+def test_no_module_assigns_a_name_twice(path):
+    """Where two chapters are merged one constant could replace another, which ruff does not see."""
+    names = list_names(ast.parse(path.read_text()))
+    assert not {name for name in names if names.count(name) > 1}
+
+
 def our_files():
     """Files of the project, as git knows them where it is there."""
     try:

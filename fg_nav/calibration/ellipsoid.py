@@ -28,9 +28,8 @@ the readings' mean and in units of their spread,
 
     a . (squares and products of x) + b . x = 1        N equations, nine numbers.
 
-The corrected readings have length 1, as in the paper, or the strength of the field at the place, if given. It minimizes
-no distance, the squared noise biases it, one wild reading spoils it, and a hyperboloid is refused. Its covariance is
-that of the equations as they scatter (White 1980), without that bias.
+It minimizes no distance, the squared noise biases it, one wild reading spoils it, and a hyperboloid is refused. Its
+covariance is that of the equations as they scatter (White 1980), without that bias.
 
 Ellipse (`calibrate_on_loop`), Ma's calibration on the shoe: the levelled field of a standing foot that turns round. In
 levelled axes (x forward, y left, z up; `fg_nav.magnetic.footfall_field`), horizontal components only:
@@ -48,13 +47,9 @@ larger, that of the means of the distances over `SECTORS` of heading:
 
     s^2 = max(sum r^2 / (F - 5), sum n_j mean_j(r)^2 / (sectors - 5)).
 
-Two sides. An effect of the floor with one or two periods in the round is an ellipse itself and leaves no residual. But
-circles to the left stand elsewhere than circles to the right, with another ellipse. Both are fitted apart; half the
-difference D of their (o_x, o_y, eta, tau) is as uncertain as the ellipse of all, whose covariance P grows by
-
-    max(1, D^T P^-1 D / 4).
-
-Circles that all turn one way do not show the floor: their covariance does not include it, and a note says so.
+Two sides (docs/magnetic.md). Circles to the left and to the right are fitted apart; half the difference D of their
+(o_x, o_y, eta, tau) is as uncertain as the ellipse of all, whose covariance P grows by max(1, D^T P^-1 D / 4). Circles
+that all turn one way do not show the floor: a note says so.
 """
 
 from __future__ import annotations

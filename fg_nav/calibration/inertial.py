@@ -217,10 +217,9 @@ def _separate_scale(unknown: AccelerometerCalibration, force: Floats) -> Acceler
 
     g = GRAVITY_M_S2
 
-    def miss_sphere(x: Floats) -> Floats:
-        return np.asarray(np.linalg.norm(force - x[:3], axis=1) - x[3] * g)
-
-    found = least_squares(miss_sphere, np.append(force.mean(axis=0), 1.0))
+    found = least_squares(
+        lambda x: np.linalg.norm(force - x[:3], axis=1) - x[3] * g, np.append(force.mean(axis=0), 1.0)
+    )
     direction = (force - found.x[:3]) / np.linalg.norm(force - found.x[:3], axis=1, keepdims=True)
     jacobian = np.column_stack([-direction, np.full(len(force), -g)])
     if np.linalg.cond(jacobian) > MAX_CONDITION:

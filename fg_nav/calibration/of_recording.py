@@ -252,7 +252,19 @@ def _calibrate_magnetometer(
     recording: Recording, others: Calibration, method: str | None, strength_uT: float | None, axes: MagAxes | None
 ) -> CalibrationResult:
     """Return the calibration `others` with the magnetometer added, the method, why, and its effect."""
-    name, choice = _choose_method(recording, method)
+    if recording.mag is None:
+        raise CalibrationError("the recording has no magnetometer to calibrate: record it with one, or lying still.")
+    # the method as given, or by the mean direction of the specific force in the body
+    if method is not None:
+        check_method(method)
+        name, choice = method, f"{method}, as given"
+    else:
+        size = np.linalg.norm(recording.acc, axis=1)
+        felt = size > 0.0
+        if float(np.linalg.norm((recording.acc[felt] / size[felt, None]).mean(axis=0))) < TUMBLED_BELOW:
+            name, choice = "ellipsoid", "ellipsoid, for the sensor was turned over in all directions"
+        else:
+            name, choice = "walk", "walk, for the sensor stayed upright"
     if strength_uT is not None and name in ON_FOOT:
         raise CalibrationError(
             f"the method '{name}' has no use for the strength of the field: leave it out, or take "
@@ -292,18 +304,3 @@ def check_method(method: str) -> None:
     """Raise `CalibrationError` if there is no such method."""
     if method not in METHODS:
         raise CalibrationError(f"there is no method '{method}' of calibration: choose one of {', '.join(METHODS)}.")
-
-
-def _choose_method(recording: Recording, method: str | None) -> tuple[str, str]:
-    """Return the name of the method, by attitude coverage if None, and the reason as a phrase."""
-    if recording.mag is None:
-        raise CalibrationError("the recording has no magnetometer to calibrate: record it with one, or lying still.")
-    if method is not None:
-        check_method(method)
-        return method, f"{method}, as given"
-    # length of the mean direction of the specific force in the body
-    size = np.linalg.norm(recording.acc, axis=1)
-    felt = size > 0.0
-    if float(np.linalg.norm((recording.acc[felt] / size[felt, None]).mean(axis=0))) < TUMBLED_BELOW:
-        return "ellipsoid", "ellipsoid, for the sensor was turned over in all directions"
-    return "walk", "walk, for the sensor stayed upright"

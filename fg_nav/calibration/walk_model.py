@@ -23,15 +23,12 @@ d_ki         uT   field of the building there, nav: 6 to 13 uT per axis at a foo
 delay        s    of the readings behind the gyroscope
 ============ ==== ==================================================================================================
 
-Why the swings: at the footfalls the foot stands level, and h along the vertical cannot be separated from the vertical
-part of b but for the few degrees by which the tilt varies, and the inertial tilt is wrong by as much. In the swing the
-pitch turns by 80 deg.
+At the footfalls alone h along the vertical cannot be separated from the vertical part of b (docs/magnetic.md).
 
 d of one stride is Gaussian with a covariance over its phases, one horizontal and one vertical, learned from the
-residuals: neighbors in a swing have nearly one field, and the foot aloft has less of the floor's. A stride as a whole
-is Student distributed. h, S, e, delta and the delay have Gaussian priors. The field explains the readings and not the
-other way round: fields explained by noisy readings would be least for S^-1 = 0. The unknowns are h, S (six), b, the
-delay, e at the knots and delta at the knots, in this order.
+residuals. A stride as a whole is Student distributed. h, S, e, delta and the delay have Gaussian priors. The field
+explains the readings and not the other way round: fields explained by noisy readings would be least for S^-1 = 0. The
+unknowns are h, S (six), b, the delay, e at the knots and delta at the knots, in this order.
 
 Fit. Gauss-Newton with the Student weights and the covariance of d of the last step. Observable is h forward and up in
 each swing, to the side only between headings: a straight walk does not determine it. The size of S is one with the

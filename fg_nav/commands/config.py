@@ -120,11 +120,19 @@ def choose_changes(
     if any("stances" in one.uses for one in methods):  # others find theirs as they go
         owners[DETECTOR] = StanceParameters()
     known = [name for owner, parameters in owners.items() for name in list_settings(owner, parameters)]
-    settings = tuple(parse_setting(word) for word in words)
-    for name, _ in settings:
-        if name not in known:
-            raise ConfigError(explain_no_parameter(name, known))
-    changes: Changes = settings
+    # `--set name=value`: a value is JSON, or else a word
+    settings: list[tuple[str, Value]] = []
+    for word in words:
+        name, equals, text = word.partition("=")
+        if not equals:
+            raise ConfigError(f"--set {word} gives no value: write --set {name or 'NAME'}=VALUE.")
+        if name.strip() not in known:
+            raise ConfigError(explain_no_parameter(name.strip(), known))
+        try:
+            settings.append((name.strip(), json.loads(text)))
+        except (ValueError, RecursionError):  # a word, or brackets without end
+            settings.append((name.strip(), text))
+    changes: Changes = tuple(settings)
     if config is not None:
         given, owner = config.given, find_method(config.given.method).owner
         names = [one.name for one in methods]
@@ -132,12 +140,13 @@ def choose_changes(
             raise ConfigError(f"--config has the parameters of {given.method}, not of {', '.join(names)}: choose that.")
         if preset != given.preset:
             raise ConfigError(f"--config has all parameters, of the preset {given.preset}: leave --preset out.")
-        # All but what the gate, the name of the method and `--magnetic card` decide.
+        # `--config`: all but what the gate, the name of the method and `--magnetic card` decide
         found = (*flatten(given.detector, DETECTOR), *flatten(given.parameters, owner))
         card = CARD in (given.method, given.magnetic)
         others = (*BY_OTHER_MEANS, *(name for name, _ in CARD_CHANGES if card))
         kept = tuple((name, value) for name, value in found if name.partition(".")[2] not in others)
         changes = (*kept, *settings)
+    # are their values of the right type?
     for owner, parameters in owners.items():
         change_parameters(parameters, select_changes(changes, owner), owner)
     return changes
@@ -148,15 +157,3 @@ def list_settings(owner: str, parameters: object = None) -> list[str]:
     if parameters is None:
         parameters = StanceParameters() if owner == DETECTOR else find_parameters(name_owners()[owner])
     return [f"{owner}.{name}" for name in list_names(parameters) if name not in BY_OTHER_MEANS]
-
-
-def parse_setting(word: str) -> tuple[str, Value]:
-    """Return name and value of `name=value`; a value is JSON, or else a word."""
-    name, equals, text = word.partition("=")
-    if not equals:
-        raise ConfigError(f"--set {word} gives no value: write --set {name or 'NAME'}=VALUE.")
-    try:
-        value: Value = json.loads(text)
-    except (ValueError, RecursionError):  # a word, or brackets without end
-        value = text
-    return name.strip(), value

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -43,13 +41,8 @@ def inspect(request: InspectRequest) -> Answer:
 def inspect_one(file: Path, reading: Reading) -> Answer:
     """Inspect a file; a recording that cannot be navigated with is a failure."""
     found = inspect_recording(reading.read_raw(file))
-    failure = None if found.obstacle is None else RecordingError(found.obstacle)
-    return Answer(describe_inspection(found, file), partial(print_inspection, found), failure)
-
-
-def describe_inspection(found: Inspection, file: Path) -> dict[str, Any]:
-    """Return the inspection for JSON, units in the names (SI, deg/s, uT)."""
-    field = found.field
+    # for scripts: units in the names (SI, deg/s, uT)
+    field, axes = found.field, {name: getattr(found.axes, name) for name in ("strides", "against")}
     about_field = field and {
         "strength_uT": field.strength_uT,
         "spread_uT": field.spread_uT,
@@ -58,17 +51,16 @@ def describe_inspection(found: Inspection, file: Path) -> dict[str, Any]:
         "notes": [] if field.aligned is None else field.aligned.notes,
     }
     known = {"recording": str(file), "usable": found.is_usable, "verdict": found.verdict}
-    axes = {name: getattr(found.axes, name) for name in ("strides", "against")} | {"words": _axes_words(found.axes)}
     rest = to_json(replace(found, field=None, axes=NO_EVIDENCE))
-    return {**known, **rest, "field": about_field, "axes": axes}
+    content = {**known, **rest, "field": about_field, "axes": {**axes, "words": _axes_words(found.axes)}}
 
+    def show() -> None:
+        """Print figures, then the verdict, one sentence a line."""
+        verdict = listing([("verdict" if i == 0 else "", words) for i, words in enumerate(found.verdict)])
+        for part in (listing(list_figures(found)), "", verdict):
+            console().print(part)
 
-def print_inspection(found: Inspection) -> None:
-    """Print figures, then the verdict, one sentence a line."""
-    out = console()
-    out.print(listing(list_figures(found)))
-    out.print()
-    out.print(listing([("verdict" if i == 0 else "", words) for i, words in enumerate(found.verdict)]))
+    return Answer(content, show, None if found.obstacle is None else RecordingError(found.obstacle))
 
 
 def list_figures(found: Inspection) -> list[tuple[str, str]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -24,7 +24,7 @@ from fg_nav.feet import SIDES, Side
 from fg_nav.io import read_fixes
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.online.buffer import OnlineOptions
-from fg_nav.online.estimates import POLISHED, SMOOTHED, SensorTime, format_table, tag_line
+from fg_nav.online.estimates import POLISHED, SMOOTHED, format_table, tag_line
 from fg_nav.online.feet import FeetNavigator
 from fg_nav.online.follow import ENDING, FollowedWalk, Sensor, StreamOptions, follow
 from fg_nav.online.navigator import finish_walk
@@ -50,7 +50,7 @@ from fg_nav.samples.delivery import describe_losses
 from fg_nav.solution import Solution
 from fg_nav.system.processes import catch_signals
 from fg_nav.verdict import Verdict, Word, judge_path
-from fg_nav.view.outlets import Outlets, Say, open_outlets
+from fg_nav.view.outlets import Outlets, open_outlets
 from fg_nav.walk import Options, Walk, evaluate_solution
 
 MIN_LAG_S = 10.0  # a shorter lag holds fewer strides than the smoother needs to estimate sensor and foot
@@ -106,13 +106,19 @@ def run_stream(request: StreamRequest, outlets: Outlets) -> FollowedWalk:
         calibrations = dict(zip(SIDES, split_files("--calibration", request.calibration), strict=True))
     options = {side: read_stream_options(request, calibration) for side, calibration in calibrations.items()}
     with catch_signals(*ENDING) as stop, ExitStack() as opened:
-        record = _open_record(request, outlets.remark)
-        if record is not None:
-            opened.callback(record.close)
+        # the record, and the walk in it to be resumed
+        record, path, source = None, request.record, Path(request.source)
+        if path is None and request.resume:
+            raise StreamError("--resume goes on with the walk of a record: name it, as --record FILE.")
+        if path is not None:
+            if path.exists() and source.exists() and path.samefile(source):
+                raise OutputError(f"{path} is what is streamed: name another file to record into.")
+            record = opened.enter_context(closing(Record(path, request.resume, request.force, outlets.remark)))
+        # the sources
         sensors = dict[Side | None, Sensor]()
         for side, word in name_sources(request).items():
-            source = open_samples(word, options[side].columns, request.baud, request.speed, outlets.remark)
-            sensors[side] = Sensor(opened.enter_context(closing(source)), options[side], record)
+            samples = open_samples(word, options[side].columns, request.baud, request.speed, outlets.remark)
+            sensors[side] = Sensor(opened.enter_context(closing(samples)), options[side], record)
         return follow(sensors, outlets, stop, request.clock_offset or 0.0)
 
 
@@ -152,17 +158,6 @@ def _check_positive(value: float | None, name: str) -> float | None:
     return value
 
 
-def _open_record(request: StreamRequest, remark: Say) -> Record | None:
-    path, source = request.record, Path(request.source)
-    if path is None:
-        if request.resume:
-            raise StreamError("--resume goes on with the walk of a record: name it, as --record FILE.")
-        return None
-    if path.exists() and source.exists() and path.samefile(source):
-        raise OutputError(f"{path} is what is streamed: name another file to record into.")
-    return Record(path, request.resume, request.force, remark)
-
-
 def remark(words: str) -> None:
     """Print a sentence for people, apart from the lines."""
     terminal.remark(f"fg-nav: {words}")
@@ -177,15 +172,10 @@ def say_nothing() -> None:
 
 
 class LinePrinter:
-    """Prints lines, each at once; where that fails it says so, and the walk goes on without.
-
-    Attributes
-    ----------
-    has_failed : whether lines were lost.
-    """
+    """Prints lines, each at once; where that fails it says so, and the walk goes on without."""
 
     def __init__(self) -> None:
-        self.has_failed = False
+        self.has_failed = False  # Whether lines were lost.
 
     def __call__(self, line: str) -> None:
         """Print a line."""
@@ -217,7 +207,6 @@ class End:
 def find_end(walk: FollowedWalk, polish: bool) -> End:
     """Finish the walk of one sensor: its final solution (with a lag, the lagged one), and the batch one to `polish`."""
     sensor, navigator = walk.sensors[None], walk.navigators[None]
-    sensor_time, is_pocket = navigator.intake.sensor_time, sensor.options.is_pocket
     if navigator.options.lag_s is not None:
         solution = note_losses(navigator.finish(), sensor, navigator)
         summary, write = summarize_lagged(solution), partial(write_lagged, solution=solution)
@@ -230,12 +219,18 @@ def find_end(walk: FollowedWalk, polish: bool) -> End:
             outcome = evaluate_solution(prepared, note_losses(solution, sensor, navigator))
         solution, summary = outcome.solution, summarize(prepared, outcome)
         write = partial(write_run, walk=prepared, outcome=outcome)
-    reasons = cast("list[str]", summary["reasons"])
-    verdicts = [Verdict(cast("Word", summary["verdict"]), tuple(reasons))]
+    verdict = Verdict(cast("Word", summary["verdict"]), tuple(cast("list[str]", summary["reasons"])))
+    ends = [(SMOOTHED, solution, verdict)]
     if solution.polished is not None:
-        verdicts.append(judge_path(prepared, solution.polished))
-    lines = partial(format_solution, solution, sensor_time, verdicts, is_pocket)
-    return End(summary, lines, write, partial(write_footfalls, solution=solution, summary=summary))
+        ends.append((POLISHED, solution.polished, judge_path(prepared, solution.polished)))
+
+    def format_lines() -> Iterator[str]:
+        """Yield one line a footfall, and those of the batch solution where there is one, with the verdict on each."""
+        for kind, one, verdict in ends:
+            heading = compute_stride_headings(one.stances) if sensor.options.is_pocket else None
+            yield from format_table(one.stances, navigator.intake.sensor_time, kind, heading, verdict)
+
+    return End(summary, format_lines, write, partial(write_footfalls, solution=solution, summary=summary))
 
 
 def find_feet_end(walk: FollowedWalk, feet: FeetNavigator, request: StreamRequest) -> End:
@@ -259,16 +254,6 @@ def find_feet_end(walk: FollowedWalk, feet: FeetNavigator, request: StreamReques
 
     write = partial(write_feet, result=result)
     return End(summarize_feet(result), format_lines, write, partial(write, plots="none"))
-
-
-def format_solution(
-    solution: Solution, sensor_time: SensorTime, verdicts: Sequence[Verdict], is_pocket: bool = False
-) -> Iterator[str]:
-    """Yield one line a footfall, and those of the batch solution where there is one, with the verdict on each."""
-    known = [one for one in (solution, solution.polished) if one is not None]
-    for kind, one, verdict in zip((SMOOTHED, POLISHED), known, verdicts, strict=False):
-        heading = compute_stride_headings(one.stances) if is_pocket else None
-        yield from format_table(one.stances, sensor_time, kind, heading, verdict)
 
 
 def save_end(end: End, target: Target, plots: Plots) -> OutputError | None:

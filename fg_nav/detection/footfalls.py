@@ -1,44 +1,32 @@
 """Footfalls among the moments of stillness: an automatic threshold for each footfall of each recording.
 
-Gait, shoe and sensor change the stillness of a foot in stance by a factor of a hundred between recordings, and the
-middle of a swing can be as still as the stance of a runner. But a foot in mid-swing moves at meters a second, and that
-shows in the integrated acceleration. So:
+The steps, with their reasons and figures in docs/models.md:
 
 1. Candidates are the local minima of L = log10(SHOE), at least `PROMINENCE` decades deep; a rest is one candidate,
    from its first sample to its last. Both ends of the recording may cut a slope: they are minima only below `FLOOR`.
 2. A free strapdown pass, both ways from the stillest candidate, gives the velocity V at each candidate, up to a slow
-   drift. Between two true footfalls V hardly changes; between a footfall and a mid-swing it changes by the speed of
-   the foot.
+   drift. A foot in mid-swing moves at metres a second.
 3. The footfalls are the chain of candidates i -> j -> ... with the greatest
        sum of u_i - c_ij,    u = reward - max(L - L_0, 0),
        c_ij = 2 log(1 + |V_j - V_i|^2 / (4 s^2)),   s^2 = s_0^2 + (s_a T_ij)^2,
-   found by dynamic programming: still candidates earn, changes of velocity cost, with the tail of a Student t
-   (shocks and clipping spoil single strides). No link is longer than `MAX_LINK_S`, unless nothing is between.
-   A recording may begin or end in a swing, so a chain may leave out its first or last `MAX_SWING_S`.
+   found by dynamic programming: still candidates earn, changes of velocity cost. No link is longer than `MAX_LINK_S`,
+   unless nothing is between. A chain may leave out the first or last `MAX_SWING_S` of a recording.
 4. A stance reaches from its minimum as far as L stays below a threshold of its own, `MARGIN` above the minimum
    but between `FLOOR` and `CEILING`.
 5. Where no footfall was found for longer than a swing lasts, those of a second search, with wider s, are taken.
 6. Where there is still a gap of more than a cycle, it is filled with the stillest moment of each (below).
-7. No foot swings within `MIN_SWING_S`: of two intervals closer than that, with the angular rate of a swing
-   between them, only the stiller is a stance: the other is the landing before it, or a mid-swing. Two rests stay two.
+7. Of two intervals closer than `MIN_SWING_S`, with the angular rate of a swing between them, only the stiller is a
+   stance. Two rests stay two.
 
 Behind a hole in the samples (`fg_nav.samples.gaps`) all begins anew: no stance and no link reaches over one.
 
 Levels L are in decades of SHOE at the noise of `fg_nav.detection.stance`: L is reached by an angular rate of 0.2 deg/s,
 or a specific force that is off gravity by 0.02 m/s^2, times 10^(L/2). A sensor at rest has L of about 1.
 
-Cycles of a foot that runs. It turns at 0.7 to 1.7 rad/s in its stillest moment, with a gyroscope that clips in each
-swing: the free velocity is then off by meters a second after few strides, and no longer separates stances from other
-minima. What is left is the rhythm. In a gap without footfalls, a minimum of L is a stance
-
-* if the motion about it has a period T: the autocorrelation of L, cut off above and below, over `REACH_S` either side
-  has its first high maximum there, by `MIN_CORRELATION` or more;
-* if it is the lowest within `SHARE` T to either side: the middle of a swing is half a period from a stance. Samples not
-  yet recorded may be lower: a walk in progress decides after them;
-* if the foot came down before it: a specific force above `LANDING_M_S2` within `LANDING_S`;
-* and where the gap is longer than `GAP` T.
-
-A footfall above `DOUBTFUL_LEVEL` that is not the lowest of its own cycle is a mid-swing and is dropped before.
+Cycles of a foot that runs, whose free velocity shows nothing after few strides. In a gap longer than `GAP` T a minimum
+of L is a stance if the autocorrelation of L about it has a period T, if it is the lowest within `SHARE` T to either
+side, and if the foot landed before it. A footfall above `DOUBTFUL_LEVEL` that is not the lowest of its own cycle is a
+mid-swing and is dropped before.
 """
 
 from __future__ import annotations
@@ -190,9 +178,16 @@ def _fill_cycles(t: Floats, acc: Floats, level: Floats, stances: Floats) -> Floa
     np.minimum.at(grown[0], of, np.searchsorted(t, t[found] - MIN_REACH_S))
     np.maximum.at(grown[1], of, np.minimum(np.searchsorted(t, t[found] + MIN_REACH_S) + 1, len(t)))
     known = _join(kept, grown)
-    # a rest is a footfall, even where a run that ends in it shows no velocity
+    # a rest is a footfall, even where a run that ends in it shows no velocity: if it is next to a stance
     rests = first[t[last] - t[first] >= MIN_REST_S]
-    return _join(known, _grow_intervals(level, rests[_is_next_to(t, rests, known, MAX_LINK_S)]))
+    start, stop = known[:2].astype(np.int64)
+    if not len(start):
+        return known
+    after = np.searchsorted(start, rests, side="right")
+    before_s = np.where(after > 0, t[rests] - t[stop[after - 1] - 1], np.inf)
+    until_s = np.where(after < len(start), t[start[np.minimum(after, len(start) - 1)]] - t[rests], np.inf)
+    is_near = (before_s > 0) & (np.minimum(before_s, until_s) < MAX_LINK_S)
+    return _join(known, _grow_intervals(level, rests[is_near]))
 
 
 def _join(stances: Floats, others: Floats) -> Floats:
@@ -384,17 +379,6 @@ def is_lowest_of_cycle(t: Floats, level: Floats, sample: int, period_s: float) -
     """Whether the level is lowest at a sample for `SHARE` of a period on either side, as far as that is recorded."""
     first, last = np.searchsorted(t, t[sample] + SHARE * period_s * np.array([-1.0, 1.0]))
     return bool(level[sample] <= level[first:last].min())
-
-
-def _is_next_to(t: Floats, samples: Ints, stances: Floats, longest_s: float) -> Bools:
-    """Mask (K,) of the samples outside the intervals (3, S), and less than `longest_s` from the nearest."""
-    if stances.shape[1] == 0:
-        return np.zeros(len(samples), dtype=np.bool_)
-    start, stop = stances[:2].astype(np.int64)
-    after = np.searchsorted(start, samples, side="right")
-    before_s = np.where(after > 0, t[samples] - t[stop[after - 1] - 1], np.inf)
-    until_s = np.where(after < len(start), t[start[np.minimum(after, len(start) - 1)]] - t[samples], np.inf)
-    return np.asarray((before_s > 0) & (np.minimum(before_s, until_s) < longest_s))
 
 
 def is_falling(acc: Floats) -> Bools:

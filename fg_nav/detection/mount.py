@@ -9,18 +9,7 @@ to 350. In windows of some strides, of the slow rate (below 6 Hz):
 * rhythm       autocorrelation of the rate about its principal axis at one stride
 * impact       the highest specific force: a walker's sensor is hit at every footfall
 
-====================================== ========== ========== ========= ============
-medians over the windows that turn     rest share peak deg/s rhythm    impact m/s^2
-====================================== ========== ========== ========= ============
-real feet (gdin, openshoe, vicon, xio) 0.27-0.55  140-630    0.56-0.99 20 and more
-... of those, that run throughout      0.12-0.17  320-570    0.92-0.98 50 and more
-real thighs (qmt_fullbody)             0.05, 0.10 290, 360   0.94      71, 47
-simulated feet                         0.36-0.44  440-560    0.88-0.95 50 and more
-simulated thighs                       0.06-0.08  240-260    0.96-0.99 45 to 60
-moved by hand, hand that swings        0.00-0.14  150-770    0.32-0.97 12 to 30
-====================================== ========== ========== ========= ============
-
-In between, without rhythm, or without impact, the mount is neither.
+In between, without rhythm, or without impact, the mount is neither (docs/measured.md, "Foot, thigh or neither").
 
 Axes of gyroscope and accelerometer, by strides of a foot or of a thigh.
 
@@ -33,12 +22,9 @@ permutations M is tried as "the rate is M y_w":
     L(M)   = sum_k l_k(M) - l_k(I)                         log odds of M over the given axes
 
 M = -I is a negated gyroscope, or equally a left-handed set of axes in both sensors: in its mirror image a rate turns
-the other way. One negated axis of the accelerometer looks like the two other axes of the gyroscope negated. The
-instants are independent of M: the least SHOE statistic within `APART_S` on either side, of samples whose strides have a
-swing between them. A hand or thigh that never stands makes strides that are none, of which some fit other axes by
-chance; wrong axes show in nearly all strides: M is accepted only if most of them favour it. Of 2058 pieces of 4 to 40 s
-of 62 real walks, and 4 simulated ones, none with its own axes has L above 4.3, and none of 6 s and more above 1.6
-(`scripts/plausible_solutions.py` counts them through the whole way of a recording).
+the other way. One negated axis of the accelerometer looks like the two other axes of the gyroscope negated. A hand or
+thigh that never stands makes strides that are none, of which some fit other axes by chance: M is accepted only if most
+strides favour it. Of 2058 pieces of 4 to 40 s of 62 real walks none with its own axes has L above 4.3.
 
 Thigh. It never stands. But over a stride, of period T, a person's velocity changes little: the mean of the specific
 force, each sample rotated into the axes at the start of the stride, is gravity,
@@ -47,12 +33,10 @@ force, each sample rotated into the axes at the start of the stride, is gravity,
     l_k(M) = -1/2 ((f_k - g) / s_g)^2
     L(M)   = median_k (l_k(M) - l_k(I))
 
-With a negated gyroscope the force is rotated twice away instead of back, and its mean is off. Scale and bias of the
-accelerometer are the same in every stride, and so is the effect of wrong axes on an even gait: many strides are one
-observation, L is their median and does not grow with their number. So wrong axes are accepted where the mean force is
-off by 1.1 m/s^2, more than sensors are, and suspected from 0.7 on; most mirrors leave less and are not detected
-(docs/pocket.md). Several M fit alike, such as one rotated about the thigh besides: which axes are wrong is not
-reported. A stride is the period of the rate about its main axis, by its autocorrelation in windows of `SWINGS_S`.
+Scale and bias of the accelerometer are the same in every stride, and so is the effect of wrong axes on an even gait:
+many strides are one observation, L is their median and does not grow with their number. Wrong axes are accepted where
+the mean force is off by 1.1 m/s^2, and suspected from 0.7 on (docs/pocket.md); which axes are wrong is not reported. A
+stride is the period of the rate about its main axis, by its autocorrelation in windows of `SWINGS_S`.
 """
 
 from __future__ import annotations

@@ -1,20 +1,13 @@
 """What stances show of the sensor: the gyroscope's bias in rests, the walk's ends, and the lever of a rolling foot.
 
-In a rest the foot is so still that its mean angular rate is the gyroscope's bias.
-
-A foot "in stance" still turns at a few deg/s; a rest fixes the bias. The recording is cut into blocks of a quarter of a
-second, shorter than body sway. A rest is a run of blocks that are quiet within and agree with each other, in rate and
-in specific force. None reaches over a hole in the samples.
-
-The bias is the slope of the integrated rate over the rest, not the mean rate: a standing foot sways by small angles,
-and fast sway is white in the angle. Each axis has its sigma from the rest's own sway: with s the measured rms of the
-angle about that line, over a time T the slope is uncertain by
+A rest (docs/models.md) is a run of blocks that are quiet within and agree with each other, in rate and in specific
+force; none reaches over a hole in the samples. The bias is the slope of the integrated rate over the rest: with s the
+rms of the angle about that line, over a time T it is uncertain by
 
     `SWAY_SCALE` s sqrt(12) / T,
 
 for n independent angles have s sqrt(12 / n) / T, and sway has about one. Further parts are the sensor's noise, and a
-floor for changes of the bias within a walk. So 0.75 s of a foot that sways by 0.02 deg determine the bias to 0.2 deg/s,
-and three seconds to 0.05.
+floor for changes of the bias within a walk.
 
 Navigation begins in the first stance: the mean specific force levels the sensor; the heading is given, or zero. A rest
 in the first footfall determines the gyro bias, and in the first stance it levels better. Before the first stance and

@@ -37,7 +37,7 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints, interpolate_columns
 from fg_nav.errors import EvaluationError
-from fg_nav.frames import wrap_angle, yaw_rotation
+from fg_nav.frames import yaw_rotation
 from fg_nav.solution import Solution
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth, check_truth
 
@@ -137,15 +137,6 @@ class Comparison:
         """(M, 3) estimate minus truth, m."""
         return self.estimate - self.truth
 
-    def realign(self, alignment: Alignment) -> Comparison:
-        """Return the same points laid on the truth by another alignment."""
-        own = self.alignment
-        estimate = alignment.apply((self.estimate - own.shift) @ own.truth_R_nav)
-        yaw_error = self.yaw_error
-        if yaw_error is not None:
-            yaw_error = wrap_angle(yaw_error + yaw_between(own.truth_R_nav, alignment.truth_R_nav))
-        return replace(self, alignment=alignment, estimate=estimate, yaw_error=yaw_error)
-
 
 def compare(solution: Solution, truth: Truth, mode: str = "yaw") -> Comparison:
     """Lay a solution on a truth with alignment `mode` (`fg_nav.evaluation.comparison`).
@@ -159,14 +150,7 @@ def compare(solution: Solution, truth: Truth, mode: str = "yaw") -> Comparison:
             raise EvaluationError(
                 f"alignment '{mode}' needs a truth with a known frame, and footprints have none: use 'yaw'."
             )
-        if truth.t is not None:
-            return _compare_in_time(solution, truth, truth.t)
-        # by stride number
-        match = match_footprints(solution.stances.position[:, :2], truth)
-        row = match.stance[match.found]
-        estimate, surveyed = lift_to_space(solution.stances.position[row]), lift_to_space(truth.xy[match.found])
-        alignment, t = align(estimate, surveyed), solution.stances.t[row]
-        return Comparison(alignment, row, t, alignment.apply(estimate), surveyed, planar=True, notes=match.notes)
+        return _compare_footprints(solution, truth)
     row, true_position = share_truth(truth, solution.t)
     alignment = align(solution.position[row], true_position, mode)
     estimate, share = alignment.apply(solution.position[row]), len(row) / len(solution.t)
@@ -187,20 +171,26 @@ def compare_at_footfalls(solution: Solution, truth: Truth, mode: str) -> Compari
     return compare(replace(solution, velocity=solution.velocity[stances.sample], **path), truth, mode)
 
 
-def _compare_in_time(solution: Solution, truth: FootprintTruth, t: Floats) -> Comparison:
-    """Compare footprints with the positions at their instants `t` (M,) s."""
-    inside = (t >= solution.t[0]) & (t <= solution.t[-1])
-    if np.count_nonzero(inside) < MIN_FOOTPRINTS:
-        raise EvaluationError(
-            f"only {np.count_nonzero(inside)} of {len(t)} surveyed footprints are within the time of the solution "
-            f"({_format_span(solution.t)}), and {MIN_FOOTPRINTS} are needed: check that their clocks have the same "
-            "zero."
-        )
-    t, surveyed = t[inside], lift_to_space(truth.xy[inside])
-    estimate = lift_to_space(interpolate_columns(t, solution.t, solution.position))
+def _compare_footprints(solution: Solution, truth: FootprintTruth) -> Comparison:
+    """Compare footprints with the positions at their instants where these are known, else with stances by number."""
+    if truth.t is None:
+        match = match_footprints(solution.stances.position[:, :2], truth)
+        known, row, notes = match.found, match.stance[match.found], match.notes
+        t, position = solution.stances.t[row], solution.stances.position[row]
+    else:
+        inside = (truth.t >= solution.t[0]) & (truth.t <= solution.t[-1])
+        known, notes = np.flatnonzero(inside), tuple(_note_missed(truth.stride[~inside], "no sample at"))
+        if len(known) < MIN_FOOTPRINTS:
+            raise EvaluationError(
+                f"only {len(known)} of {len(inside)} surveyed footprints are within the time of the solution "
+                f"({_format_span(solution.t)}), and {MIN_FOOTPRINTS} are needed: check that their clocks have the "
+                "same zero."
+            )
+        t = truth.t[known]
+        row = np.rint(np.interp(t, solution.t, np.arange(len(solution.t)))).astype(np.int64)
+        position = interpolate_columns(t, solution.t, solution.position)
+    estimate, surveyed = lift_to_space(position), lift_to_space(truth.xy[known])
     alignment = align(estimate, surveyed)
-    row = np.rint(np.interp(t, solution.t, np.arange(len(solution.t)))).astype(np.int64)
-    notes = tuple(_note_missed(truth.stride[~inside], "no sample at"))
     return Comparison(alignment, row, t, alignment.apply(estimate), surveyed, planar=True, notes=notes)
 
 

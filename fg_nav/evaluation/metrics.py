@@ -1,17 +1,4 @@
-"""Figures of merit of a walk.
-
-==================== =========================================================================================
-rmse_2d_m            root mean square horizontal error over all compared points after alignment
-rmse_3d_m            the same in space (absent for footprints, which have no height)
-end_error_m          error at the last compared point; in space, or horizontal for footprints
-max_error_m          largest error, likewise
-heading_rmse_deg     root mean square yaw error after alignment, where the truth has attitude
-scale                best-fit similarity of the horizontal path: above 1 the estimate is too short
-distance_m           sum of the straight moves from stance to stance, in space: shorter than the flight of the foot
-closure_m            from the first stance to the last; an error only where the walk ended where it began
-closure_percent      closure in percent of distance
-strides_detected     stances less one
-==================== =========================================================================================
+"""Figures of merit of a walk: by itself, against a truth, and against another solution.
 
 Compared points are the solution's samples inside a true trajectory, or the stances matched with footprints.
 Consistency of the claimed sigmas: `fg_nav.lab.consistency`.
@@ -23,7 +10,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Floats
 from fg_nav.errors import EvaluationError
 from fg_nav.evaluation.comparison import Alignment, Comparison, compare, compare_at_footfalls, fit_scale, yaw_between
 from fg_nav.solution import Solution, StanceTable
@@ -34,20 +21,20 @@ OTHER_SIZE = 2.0  # Truth over path beyond which one of them is unusable: feet g
 
 @dataclass(frozen=True)
 class Metrics:
-    """See the table above; None where the truth, or the lack of one, does not show it."""
+    """Errors are after the alignment; None where the truth, or the lack of one, does not show it."""
 
-    distance_m: float
-    closure_m: float
-    strides_detected: int
-    closure_percent: float | None = None
+    distance_m: float  # sum of the straight moves from stance to stance, in space: shorter than the flight of the foot
+    closure_m: float  # from the first stance to the last; an error only where the walk ended where it began
+    strides_detected: int  # stances less one
+    closure_percent: float | None = None  # of the distance
     alignment: str | None = None
-    points: int | None = None
-    rmse_2d_m: float | None = None
-    rmse_3d_m: float | None = None
-    end_error_m: float | None = None
-    max_error_m: float | None = None
-    heading_rmse_deg: float | None = None
-    scale: float | None = None
+    points: int | None = None  # that are compared
+    rmse_2d_m: float | None = None  # horizontal
+    rmse_3d_m: float | None = None  # None for footprints, which have no height
+    end_error_m: float | None = None  # at the last compared point; in space, or horizontal for footprints
+    max_error_m: float | None = None  # likewise
+    heading_rmse_deg: float | None = None  # of yaw, where the truth has attitude
+    scale: float | None = None  # best-fit similarity of the horizontal path: above 1 the estimate is too short
     strides_true: int | None = None
     footprints_surveyed: int | None = None
     notes: tuple[str, ...] = ()
@@ -131,9 +118,11 @@ def measure_moment(solution: Solution, moment: StanceTable, truth: Truth, end: A
     Raises `EvaluationError` as `compare`.
     """
     truth = replace(truth, t=None) if isinstance(truth, FootprintTruth) else truth
-    found = compare_at_footfalls(replace(solution, stances=moment), truth, end.mode).realign(end)
-    over_ground = np.linalg.norm(found.error[:, :2], axis=1)
-    end_m = float(np.hypot(*(found.error[-1] - found.error[0])[:2]))
+    found = compare_at_footfalls(replace(solution, stances=moment), truth, end.mode)
+    # the same points, laid on the truth by the alignment at the end
+    own = found.alignment
+    error = (end.apply((found.estimate - own.shift) @ own.truth_R_nav) - found.truth)[:, :2]
+    over_ground, end_m = np.linalg.norm(error, axis=1), float(np.hypot(*(error[-1] - error[0])))
     return MomentErrors(_rms(over_ground), end_m, float(over_ground.max()))
 
 
@@ -156,16 +145,3 @@ def measure_gap(one: Solution, other: Solution) -> Gap:
 
 def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2)))
-
-
-def pose_covariance(stances: StanceTable, row: Ints) -> tuple[Floats, bool]:
-    """Claimed covariance (M, 4, 4) of east, north, up (m) and yaw about up (rad); and whether it is a joint one.
-
-    Without `pose_cov` in the table the cross-covariance of heading and position is set to zero.
-    """
-    if stances.pose_cov is not None:
-        return stances.pose_cov[row], True
-    blocks = np.zeros((len(row), 4, 4))
-    blocks[:, :3, :3] = stances.position_cov[row]
-    blocks[:, 3, 3] = stances.heading_sigma[row] ** 2
-    return blocks, False

@@ -61,15 +61,12 @@ MIN_SWINGS, MAX_SWINGS = 3, 600  # Of the first foot that are compared: ten minu
 
 @dataclass(frozen=True)
 class ClockOffset:
-    """What is to be added to the second recording's stamps, s, and a remark; zero and none where they fit.
-
-    It is so at its own time `at`, and by `drift` more with each second after that.
-    """
+    """What is to be added to the second recording's stamps, s, and a remark; zero and none where they fit."""
 
     offset_s: float
     note: str = ""
-    drift: float = 0.0
-    at: float = 0.0
+    drift: float = 0.0  # by how much more with each second after `at`, s/s
+    at: float = 0.0  # s, by the second recording's own clock
 
     def shift(self, t: Floats) -> Floats:
         """Return stamps (N,) of the second recording by the first one's clock, s."""
@@ -78,15 +75,12 @@ class ClockOffset:
 
 @dataclass(frozen=True)
 class Swings:
-    """Swings of one foot: their middles (S,) s, and times (T,) s and heading (T,) rad, of some moment, by the turns.
+    """Swings of one foot, and its turns."""
 
-    `holes` (H, 2) s are those in the recording, with what is before and after it.
-    """
-
-    middle: Floats
-    t: Floats
-    heading: Floats
-    holes: Floats
+    middle: Floats  # (S,) s
+    t: Floats  # (T,) s
+    heading: Floats  # (T,) rad at these times, from an arbitrary one
+    holes: Floats  # (H, 2) s, those in the recording, with what is before and after it
 
     def hides(self, begin: Floats, end: Floats) -> Bools:
         """Whether some of each span, of any shape, s, lies in a hole."""
@@ -94,16 +88,11 @@ class Swings:
         return np.asarray(first < np.searchsorted(self.holes[:, 0], end))
 
 
-def align_clocks(first: Recording, first_stances: Stances, second: Recording, second_stances: Stances) -> ClockOffset:
-    """Find what is to be added to the second recording's stamps so that the feet swing in turn.
-
-    Raises `EstimationError` where the clocks do not fit as they are, and the recordings do not show by how much.
-    """
-    return match_swings(list_swings(first, first_stances), list_swings(second, second_stances))
-
-
 def match_swings(a: Swings, b: Swings) -> ClockOffset:
-    """Find the offset, s, to add to the times of b for which the feet swing alternately; raises as `align_clocks`."""
+    """Find what is to be added to the stamps of the second foot b so that the feet swing in turn.
+
+    Raises `EstimationError` where the clocks do not fit as they are, and the swings do not show by how much.
+    """
     if min(len(a.middle), len(b.middle)) < MIN_SWINGS:
         return ClockOffset(0.0)
     a = replace(a, middle=a.middle[:MAX_SWINGS])
@@ -178,17 +167,13 @@ def _search(a: Swings, b: Swings, tau: Floats, prior: float) -> _Found:
 
 @dataclass(frozen=True)
 class _Match:
-    """Strides of the first foot, in whose middles (S,) s the second clock is set on by tau (T,) s.
+    """Strides of the first foot, in which the second foot swings, with its clock set on by each of some offsets."""
 
-    `phase` (S, T) of the one swing of the second foot, less 1/2, NaN where there is not one; `rest` (S, T) is what all
-    else costs.
-    """
-
-    tau: Floats
-    t: Floats
-    phase: Floats
-    rest: Floats
-    cycle: float
+    tau: Floats  # (T,) s, offsets
+    t: Floats  # (S,) s, middles of the strides
+    phase: Floats  # (S, T) of the one swing of the second foot, less 1/2; NaN where there is not one
+    rest: Floats  # (S, T) nats, what all else costs
+    cycle: float  # s, usual time of a stride
 
     @classmethod
     def of(cls, a: Swings, b: Swings, tau: Floats) -> _Match:

@@ -32,24 +32,15 @@ SEAM_S = 1.5  # A stride: the middle of two feet is not that of one, but for a m
 
 @dataclass(frozen=True)
 class FeetSolution:
-    """Two feet of one person as they were solved together, in one frame.
+    """Two feet of one person as they were solved together, in one frame."""
 
-    Attributes
-    ----------
-    right, left : each foot, with the sigmas that it has beside the other.
-    person : the middle of both (`trace_person`).
-    width_m, width_sigma_m : between the sensors, across the way; negative where the right foot's recording is on the
-        left.
-    cells, beyond_reach : how many cells of steps tie the feet, and how many pairs of footfalls are held within reach.
-    """
-
-    right: Solution
+    right: Solution  # each foot with the sigmas that it has beside the other
     left: Solution
-    person: Solution
-    width_m: float
+    person: Solution  # the middle of both (`trace_person`)
+    width_m: float  # between the sensors, across the way; negative where the right foot's recording is on the left
     width_sigma_m: float
-    cells: int
-    beyond_reach: int
+    cells: int  # of steps that tie the feet
+    beyond_reach: int  # pairs of footfalls that are held within reach
 
 
 def trace_person(right: Solution, left: Solution, cell_t: Floats, apart_cov: Floats) -> Solution:
@@ -73,7 +64,7 @@ def trace_person(right: Solution, left: Solution, cell_t: Floats, apart_cov: Flo
     of_right = right.stances.t
     alone = find_unrecorded(of_right, left.t)
     footfall_t = np.concatenate([left.stances.t, of_right[alone]])
-    own = np.concatenate([find_pose_cov(left.stances), find_pose_cov(right.stances)[alone]])
+    own = np.concatenate([left.stances.position_yaw_cov, right.stances.position_yaw_cov[alone]])
     order, in_time = np.argsort(footfall_t, kind="stable"), np.argsort(cell_t)
     footfall_t = footfall_t[order]
     apart = interpolate_columns(footfall_t, cell_t[in_time], apart_cov[in_time].reshape(len(cell_t), 16))
@@ -88,15 +79,6 @@ def trace_person(right: Solution, left: Solution, cell_t: Floats, apart_cov: Flo
     )  # fmt: skip
     runtime_s = max(left.runtime_s, right.runtime_s)
     return Solution(left.method, t, position, velocity, nav_R_person, table, runtime_s, left.parameters)
-
-
-def find_pose_cov(table: StanceTable) -> Floats:
-    """Covariance (K, 4, 4) of east, north, up and yaw; without correlations where the estimator has none."""
-    if table.pose_cov is not None:
-        return table.pose_cov
-    cov = np.zeros((len(table), 4, 4))
-    cov[:, :3, :3], cov[:, 3, 3] = table.position_cov, table.heading_sigma**2
-    return cov
 
 
 def _carry_on(t: Floats, foot: Solution, other: Solution) -> Floats:

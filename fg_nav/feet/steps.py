@@ -70,17 +70,12 @@ class Footfalls:
 
 @dataclass(frozen=True)
 class InterleavedSteps:
-    """S footfalls of one foot, each between two of the other.
+    """S footfalls of one foot, each between two of the other."""
 
-    `at` (S,) of the foot, `before` (S,) of the other one's footfall before it; the next one is after it. `left_normal`
-    (S, 2) is the unit vector to the left of that one's stride, and `weight` (S,) from 0 to 1 how far it is one of a
-    walk: by its length and by its time, against the person's usual one.
-    """
-
-    at: Ints
-    before: Ints
-    left_normal: Floats
-    weight: Floats
+    at: Ints  # (S,) rows of the foot
+    before: Ints  # (S,) rows of the other one's footfall before it; the next one is after it
+    left_normal: Floats  # (S, 2) unit vector to the left of the other one's stride
+    weight: Floats  # (S,) 0 to 1, how far that stride is one of a walk: by length, and time against the usual one
 
 
 def find_steps(foot: Footfalls, other: Footfalls) -> InterleavedSteps:
@@ -111,27 +106,22 @@ def find_steps(foot: Footfalls, other: Footfalls) -> InterleavedSteps:
 
 @dataclass(frozen=True)
 class Cells:
-    """C cells: mean places (C, 3) m of both feet, mean normal (C, 2), and the moment (C,) s.
+    """C cells of steps, each a mean."""
 
-    `steps` (C,) is how many each is the mean of, by their weights, and `grown` how many times as large they are as
-    `CELL_M`.
-    """
-
-    t: Floats
-    right: Floats
+    t: Floats  # (C,) s
+    right: Floats  # (C, 3) m, place of the foot
     left: Floats
-    left_normal: Floats
-    steps: Floats
-    grown: float
+    left_normal: Floats  # (C, 2)
+    steps: Floats  # (C,) number of steps, by their weights
+    grown: float  # size over `CELL_M`
 
     def __len__(self) -> int:
         return len(self.t)
 
     def take(self, kept: Bools) -> Cells:
         """Return those that are kept (C,)."""
-        return Cells(
-            self.t[kept], self.right[kept], self.left[kept], self.left_normal[kept], self.steps[kept], self.grown
-        )
+        rows = {name: getattr(self, name)[kept] for name in ("t", "right", "left", "left_normal", "steps")}
+        return replace(self, **rows)
 
 
 def average_cells(right: Footfalls, left: Footfalls) -> Cells:

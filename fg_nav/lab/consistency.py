@@ -49,7 +49,6 @@ from scipy.special import gammaincinv
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EvaluationError
 from fg_nav.evaluation.comparison import Comparison, align, interpolate_truth
-from fg_nav.evaluation.metrics import pose_covariance
 from fg_nav.frames import yaw_rotation
 from fg_nav.solution import StanceTable
 from fg_nav.truth import TrajectoryTruth
@@ -146,7 +145,7 @@ def whiten_errors(
         raise EvaluationError("the truth has no attitude at some footfalls, so their heading errors are not known.")
     chosen = np.unique(np.round(np.array(places) * (len(found.row) - 1)).astype(int))
     error = np.column_stack([found.error - found.error[0], found.yaw_error])[chosen]
-    covariance, joint = pose_covariance(stances, found.row[chosen])
+    covariance, joint = stances.position_yaw_cov[found.row[chosen]], stances.pose_cov is not None
     whitened = {}
     for part, rows in _ROWS.items():
         if part in JOINT and not joint:

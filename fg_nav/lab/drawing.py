@@ -15,6 +15,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.lab import palette
 from fg_nav.lab.allan import FLOOR, AllanCurve, NoiseFit, RecordingNoise
 from fg_nav.lab.simulation import SimulatedWalk
 from fg_nav.report.charts import draw_ends, spread_rows
@@ -121,15 +122,15 @@ def _draw(axes: Axes, curve: AllanCurve, fit: NoiseFit, factor: float) -> None:
         return
     tau = np.geomspace(fit.fitted_from_s, curve.tau_s[-1], 200)
     axes.fill_between(
-        curve.tau_s, factor * fit.low, factor * fit.high, color=style.SKY, alpha=0.35, linewidth=0, label="68 %"
+        curve.tau_s, factor * fit.low, factor * fit.high, color=palette.SKY, alpha=0.35, linewidth=0, label="68 %"
     )
-    axes.plot(curve.tau_s, factor * curve.deviation, ".", color=style.BLUE, markersize=4, label="measured", zorder=4)
+    axes.plot(curve.tau_s, factor * curve.deviation, ".", color=palette.BLUE, markersize=4, label="measured", zorder=4)
     axes.plot(tau, factor * fit.deviation_at(tau), color=style.INK, linewidth=1.0, label="fit")
     axes.margins(x=0.02)
     slopes = (
-        ("N white noise", fit.white, fit.white.value / np.sqrt(tau), style.VERMILION),
-        ("B flicker", fit.flicker, np.full(len(tau), FLOOR * fit.flicker.value), style.GREEN),
-        ("K random walk", fit.walk, fit.walk.value * np.sqrt(tau / 3), style.PURPLE),
+        ("N white noise", fit.white, fit.white.value / np.sqrt(tau), palette.VERMILION),
+        ("B flicker", fit.flicker, np.full(len(tau), FLOOR * fit.flicker.value), palette.GREEN),
+        ("K random walk", fit.walk, fit.walk.value * np.sqrt(tau / 3), palette.PURPLE),
     )
     for name, part, line, colour in slopes:
         if part.seen:

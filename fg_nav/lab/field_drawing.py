@@ -17,6 +17,7 @@ from matplotlib.ticker import MaxNLocator
 
 from fg_nav.arrays import Floats
 from fg_nav.frames import wrap_angle
+from fg_nav.lab import palette
 from fg_nav.lab.field_survey import SAMPLEWISE, FieldSurvey, SampleSurvey
 from fg_nav.lab.sample_field import WINDOW_S
 from fg_nav.magnetic.detectors import OverThreshold
@@ -45,7 +46,7 @@ from fg_nav.truth import FootprintTruth, TrajectoryTruth
 if TYPE_CHECKING:
     from fg_nav.walk import Outcome, Walk
 
-ACCEPTED, REJECTED, UNJUDGED = style.GREEN, "#F3C6AE", style.GRID  # Colours of the verdicts; also apart in grey.
+ACCEPTED, REJECTED, UNJUDGED = palette.GREEN, "#F3C6AE", style.GRID  # Colours of the verdicts; also apart in grey.
 CELLS, FINE = 1000, 8  # Cells of a lane over the whole walk, and parts of a cell, whose colours mix.
 REACH_S, REACH_STEPS = 3.0, 2.0  # Time that a verdict colours around it, or of the usual step if that is longer.
 _LANE_SHARE = 0.15  # Height of a lane over that of a panel.

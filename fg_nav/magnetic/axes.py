@@ -16,8 +16,7 @@ In a field that does not change along the path of one swing, dm/dt = -w x m, or 
     r(tau, h, A) = dR(tau) m_2 - m_1 = 0.
 
 The building's field changes by some uT in a swing, which turns the reading by 50: r is small only for the right tau and
-P. Only the rotation between the two instants enters: no stances, attitude or gyroscope bias
-are needed. At 8 rad/s a delay of 20 ms turns the field in nav by 9 deg, which is 7 uT of 45.
+P. No stances, attitude or gyroscope bias are needed (docs/magnetic.md).
 
 Pseudo-Huber loss with the median of |r| as its scale s:
 
@@ -43,12 +42,8 @@ residual is linear,
 
 and h' is solved for each P with robust weights. The loss of each is summed over blocks of the recording; another P than
 the identity is accepted where the loss of the identity is `MIN_RATIO` times as large, and larger by `MIN_SIGMAS` of
-the scatter of that difference over the blocks, each with its own estimate of the delay. A foot turns about one axis
-above all, about which half a turn of the magnetometer would hardly be observable, but it also rolls and turns into
-curves.
-
-The gyroscope cannot separate P from -P: the one whose field points down where the foot is slow is chosen, as on the
-northern hemisphere.
+the scatter of that difference over the blocks, each with its own estimate of the delay. Of P and -P the one whose field
+points down where the foot is slow is chosen, as on the northern hemisphere.
 """
 
 from __future__ import annotations
@@ -384,10 +379,7 @@ class AlignedMagnetometer:
 def align_magnetometer(recording: Recording, axes_given: bool = False) -> AlignedMagnetometer:
     """Check the axes of the magnetometer and remove its delay.
 
-    Parameters
-    ----------
-    recording : with the magnetometer in the axes of the gyroscope, as far as known.
-    axes_given : by the user: the magnetometer is then used whatever the estimated axes.
+    `axes_given`: by the user, and the recording is in them: it is then used whatever the estimated axes.
     """
     if recording.mag is None:
         return AlignedMagnetometer(recording)

@@ -33,10 +33,9 @@ squared sums    (1/N) sum_c (sum_k |y_k|)^2                                     
 The field passes where T < threshold: the likelihood ratio test of Ma (15)-(26) and AIEZ (8), (10)-(18), whose densities
 Ma (16)-(21) and AIEZ (12)-(15) need powers of 1/2 and N/2 in place of those printed; the ratio is the same.
 
-Reason for another form. Changes of values that scatter independently are correlated by -1/2 from one to the next
-(MA(1)), so their squares do not add up to a chi squared, against Ma (14). The scatter of the values themselves does: T
-is chi squared with N degrees of freedom a channel, exactly, in a static field. A slow change, missed by every single
-difference, shows across the window.
+Changes of values that scatter independently are correlated by -1/2 from one to the next (MA(1)), so their squares do
+not add up to a chi squared, against Ma (14). The scatter of the values themselves does: T is chi squared with N degrees
+of freedom a channel, exactly, in a static field.
 
 Threshold. Ma's P_FA is the probability that a field passes which is *not* quasi-static. It needs a meaning of "not": a
 channel's `matters`, the change spread evenly over the window that has to be rejected (of a zero: its lasting value).
@@ -48,36 +47,26 @@ T is then noncentral chi squared with
 and the threshold its quantile at the false-alarm rate; P_D, the share of static fields that pass, follows. Ma (23)
 for P_FA cannot be computed: the density it integrates depends on the estimate from the same data.
 
-These rates hold for the channels' own sigmas. With a greater one of a footfall (standard error of a short stance's
-slope, drift of the inertial heading) P_D is the same and more of what matters passes than the false-alarm rate.
-
 Alignment of the heading, for a heading offset. A scalar Kalman filter estimates the difference of inertial heading and
 compass: its first value is the mean of the first `ALIGNMENT_FOOTFALLS`, which are not tested; it is updated at each
-footfall that passes, and only predicted where the field is rejected. Two limits follow. A walk that begins in a
-disturbed field is tested against that field. And while the field is rejected the test widens with the drift, so that a
-lasting deviation is accepted in the end: the sooner, the less it exceeds what matters.
+footfall that passes, and only predicted where the field is rejected. A walk that begins in a disturbed field is tested
+against that field; a lasting deviation is accepted in the end, as the test widens with the drift.
 
 The detectors by name are those of the papers, physical and as printed. What matters is our choice: over three strides
 3 uT, along the field or across it. In Munich's field that is 3 uT of strength, 4 deg of inclination or 8 deg of
 heading. For AIEZ, a compass that is 10 deg off, or a strength that changes by 2.5 uT/s, 0.75 uT in a short stance.
 
 Sigmas of the physical presets are an eighth of that: 1 deg of heading difference, 0.5 deg, 0.375 uT for one stance's
-mean. On simulated walks in a homogeneous field noise is 0.1 deg, 0.05 deg and 0.04 uT with a calibrated sensor;
-uncalibrated, 0.9 deg, 0.4 deg and 0.15 uT on the straights, and 8 deg, 2 deg and 0.9 uT in turns, which no detector
-can separate from a field that changes (MPU-9250 x 8, `scripts/calibration.py channels`). With a calibrated sensor,
-therefore, fewer changes that matter pass than the false-alarm rate says, and nearly all static fields. A heading
-itself, of foot and compass alike, scatters by 2 deg from stride to stride: iQSF is allowed 3 deg, and needs 20 deg as
-the least turn that matters. The compass of AIEZ is allowed 2.5 deg, beside the drift of the inertial heading.
+mean (noise: docs/magnetic.md). A heading itself scatters by 2 deg from stride to stride: iQSF is allowed 3 deg, and
+needs 20 deg as the least turn that matters. The compass of AIEZ is allowed 2.5 deg, beside the drift.
 
 As printed: Ma's sigmas, N = 3 and threshold 170 (28.9 deg a step in the heading difference alone). Zhang gives no value
 and Afzal's and iQSF's are not in these papers: Ma's sigmas where they apply, 10 deg and 0.5 uT/s for AIEZ, and the 99 %
 quantile of independent changes, the authors' assumption.
 
 Verdicts. A window holds the last footfalls that have a field, but none that spans more strides than twice its length,
-which would compare places far apart. The first footfalls, with too few before them, are not judged. A verdict uses its
-footfall and those before it. The inertial headings do not: their gyro bias is that of the longest rest of the recording
-(`fg_nav.magnetic.footfall_field`). An estimator with better attitudes replaces `nav_R_body` in the footfall field and
-has it judged again.
+which would compare places far apart. The first footfalls, with too few before them, are not judged. An estimator with
+better attitudes replaces `nav_R_body` in the footfall field and has it judged again.
 """
 
 from __future__ import annotations

@@ -9,8 +9,7 @@ The attitude is given, or that of the gyroscope, levelled in the stances: tilt g
     start        level in the first stance; the gyro bias is that of the longest rest, or zero
     each sample  R <- R Exp((w - b) h); in stance, nudge the tilt towards the specific force
 
-So the field is judged before any estimator has run, the same for all of them. The longest rest is that of the whole
-recording; a live estimator gives its attitude of the time instead.
+A live estimator gives its attitude of the time instead.
 
 Magnetic heading, inclination and strength of a field in the body frame, in the frames of this project:
 

@@ -40,7 +40,7 @@ LEAD_S = 0.25  # Readings so long before a part of the walk are used for the fie
 SAMPLES_BEFORE = 40  # A node, that are cut out with those after it: enough for a recording.
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class OnlineOptions:
     """What a user can choose; raises `EstimationError` for fixes that cannot be.
 
@@ -170,15 +170,9 @@ class ReportedFootfall:
 
 
 class PartialWalk:
-    """Footfalls, without the first `discarded`, and the samples `buffer.first <= i < stop` up to the newest.
+    """Footfalls from number `first` on, those before discarded, and the samples `buffer.first <= i < stop` up to them.
 
-    Parameters
-    ----------
-    buffer : all samples so far, those behind `stop` too; filled by its owner.
-    options : whether recordings are cut out with the magnetometer, and whatever its axes look like.
-    first : number of the first footfall that is not discarded.
-    footfalls : from that one on.
-    sensor : its `peak_height` is applied to the recordings that are cut out, not to that of all samples.
+    The owner of the buffer fills it, behind `stop` too.
     """
 
     def __init__(
@@ -220,7 +214,13 @@ class PartialWalk:
         rows = self.buffer.between(max(self.stop - 1, self.buffer.first), footfall.until)
         begins = int(self._footfalls[-1].footfall.stop[-1]) if self._footfalls else 0
         number = self.discarded + len(self._footfalls)
-        if not (is_in_order(footfall.footfall, begins) and footfall.footfall.stop[-1] <= footfall.until):
+        # Its stances follow each other, the stillest sample within them.
+        one = footfall.footfall
+        ends = np.stack([one.start, one.stop], axis=1).ravel()
+        rise = np.diff(ends)
+        in_order = len(ends) > 0 and begins <= ends[0] and ends[-1] <= footfall.until
+        in_order = in_order and bool((rise[::2] > 0).all() and (rise >= 0).all())
+        if not (in_order and ((one.start <= one.stillest) & (one.stillest < one.stop)).any()):
             raise EstimationError(
                 f"footfall {number} is not one: its stances must follow those before, within the samples, and the "
                 "stillest sample must be in one of them."
@@ -230,8 +230,8 @@ class PartialWalk:
                 f"samples of footfall {number} are not finite, or their stamps do not rise: leave them out."
             )
         columns = rows[:, 1:4], rows[:, 4:7]
-        ends = np.array([[one.max(axis=0, initial=0.0), -one.min(axis=0, initial=0.0)] for one in columns])
-        self.sensor = replace(self.sensor, extreme=np.maximum(self.sensor.extreme, ends))
+        extreme = np.array([[part.max(axis=0, initial=0.0), -part.min(axis=0, initial=0.0)] for part in columns])
+        self.sensor = replace(self.sensor, extreme=np.maximum(self.sensor.extreme, extreme))
         self.stop = footfall.until
         self._footfalls.append(footfall)
 
@@ -318,14 +318,6 @@ class PartialWalk:
                 if own >= AT_END * extreme[end, axis]:
                     level[end, axis] = own
         return part.assume(sensor.period_s, levels).raise_peaks(sensor.peak_height)
-
-
-def is_in_order(footfall: Footfall, begins: int) -> bool:
-    """Return whether the stances of a footfall follow each other from sample `begins` on, the stillest within them."""
-    ends = np.stack([footfall.start, footfall.stop], axis=1).ravel()
-    in_order = len(ends) > 0 and ends[0] >= begins and (np.diff(ends)[::2] > 0).all() and (np.diff(ends) >= 0).all()
-    within = ((footfall.start <= footfall.stillest) & (footfall.stillest < footfall.stop)).any()
-    return bool(in_order and within)
 
 
 def as_recording(rows: Floats, with_mag: bool = True) -> Recording:

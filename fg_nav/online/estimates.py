@@ -1,13 +1,7 @@
 """What a walk in progress reports: estimates of its footfalls, revisions of its past, and both as lines of JSON.
 
-A `StanceEstimate` is one line, a `Revision` up to three kinds of lines before the next estimate; their keys are in
-docs/online.md. Sigmas are one standard deviation; what is not finite is null. With two feet a line has two keys more:
-
-========= ==========================================================================================================
-foot      "left", "right" or "person"
-frame     in which its positions are: "left", that of both; of the right foot "right", one of its own, until the steps
-          show how the feet lie, which its next `turned` and `revised` lines put right
-========= ==========================================================================================================
+A `StanceEstimate` is one line, a `Revision` up to three kinds of lines before the next estimate; their keys, and the
+two more with two feet, are in docs/online.md. Sigmas are one standard deviation; what is not finite is null.
 
 The past of a walk is a `Past`: a row of numbers a footfall, and the nodes of the path through them.
 """
@@ -105,8 +99,8 @@ def estimate_stance(
 ) -> StanceEstimate:
     """Return the estimate of a footfall in navigation axes, from its variables and their covariances in the graph.
 
-    `body_cov`, `bias_cov` (6, 6) are in the tangent spaces of pose and bias. A `moving_foot` adds the variance of the
-    unknown scale of the walk, a barometer (`has_air`) that of its heights.
+    `body_cov`, `bias_cov` (6, 6) are in the tangent spaces of pose and bias. A `moving_foot` and a barometer
+    (`has_air`) add what the graph does not have: how they scale the walk.
     """
     position, attitude = np.asarray(pose.translation()), pose.rotation().matrix()
     pose_cov = in_nav(attitude[None], body_cov[None])[0]
@@ -114,6 +108,11 @@ def estimate_stance(
     by_turn = turn_heading(attitude)
     pose_cov[3, 3] = max(pose_cov[3, 3], min(float(by_turn @ body_cov[:3, :3] @ by_turn), UNKNOWN_RAD**2))
     pose_cov[2, 2] += (SCALE_SIGMA * position[2]) ** 2 * has_air
+    if moving_foot:
+        # The prior on the moving foot scales the walk and turns it about its start.
+        east, north = position[:2]
+        moved = np.array([[east, -north], [north, east]]) * (FORWARD_SIGMA, SIDEWAYS_SIGMA)
+        pose_cov[:2, :2] += moved @ moved.T
     return StanceEstimate(
         number=stance.number,
         sample=stance.sample,
@@ -123,7 +122,7 @@ def estimate_stance(
         heading=float(compute_heading(attitude)),
         velocity=velocity,
         gyro_bias=np.asarray(bias.gyroscope()),
-        pose_cov=extend_covariance(pose_cov, position) if moving_foot else pose_cov,
+        pose_cov=pose_cov,
         gyro_bias_sigma=np.sqrt(np.diagonal(bias_cov)[3:]),
         compass_weight=verdict.compass_weight,
         field=verdict.word,
@@ -207,12 +206,10 @@ def build_table(rows: Sequence[EstimateRow]) -> StanceTable:
 
 def select_rows(table: StanceTable, keep: Bools) -> StanceTable:
     """Return the rows of a table where `keep` (K,) is true."""
-    kept: dict[str, Any] = {}
-    for item in fields(table):
-        column = getattr(table, item.name)
-        kept[item.name] = tuple(compress(column, keep)) if isinstance(column, tuple) else column
-        if isinstance(column, np.ndarray):
-            kept[item.name] = column[keep]
+    kept: dict[str, Any] = {item.name: getattr(table, item.name) for item in fields(table)}
+    for name, column in kept.items():
+        if isinstance(column, tuple | np.ndarray):
+            kept[name] = tuple(compress(column, keep)) if isinstance(column, tuple) else column[keep]
     return StanceTable(**kept)
 
 
@@ -307,7 +304,6 @@ def format_estimate(
     kind: str = NOW,
 ) -> str:
     """Return the JSON line of an estimate; `verdict` is that on the path up to it, None without."""
-    sigma = np.sqrt(np.diagonal(estimate.pose_cov))
     t, sensor_t = round(estimate.t, 9), round(sensor_time(estimate.t), 9)
     content: dict[str, object] = {
         "kind": kind,
@@ -315,11 +311,7 @@ def format_estimate(
         **({"continues": continues, "floor": estimate.floor} if kind == NOW else {}),
         "t": t,
         **({} if sensor_t == t else {"sensor_t": sensor_t}),
-        "position_m": np.round(estimate.position, DIGITS),
-        "heading_deg": round(float(np.degrees(estimate.heading) % 360.0), DIGITS),
-        "position_sigma_m": np.round(sigma[:3], DIGITS),
-        "east_north_cov_m2": round(float(estimate.pose_cov[0, 1]), 2 * DIGITS),
-        "heading_sigma_deg": round(float(np.degrees(sigma[3])), DIGITS),
+        **_describe_pose(estimate.position, estimate.heading, estimate.pose_cov),
         "gyro_bias_deg_s": np.round(np.degrees(estimate.gyro_bias), DIGITS),
         "gyro_bias_sigma_deg_s": np.round(np.degrees(estimate.gyro_bias_sigma), DIGITS),
         "compass_weight": round(float(estimate.compass_weight), DIGITS),
@@ -331,11 +323,20 @@ def format_estimate(
     return _dump(content)
 
 
-def parse_estimate(content: Mapping[str, Any]) -> StanceEstimate:
-    """Return the estimate of a line, of its sample, velocity and tilt none; raises `KeyError`, `TypeError` for others.
+def _describe_pose(position: Floats, heading: float | None, pose_cov: Floats) -> dict[str, object]:
+    """Return the keys of a line for a pose (rad; None unknown) and its covariance (4, 4) of east, north, up, yaw."""
+    sigma = np.sqrt(np.diagonal(pose_cov))
+    return {
+        "position_m": np.round(position, DIGITS),
+        "heading_deg": None if heading is None else round(float(np.degrees(heading) % 360.0), DIGITS),
+        "position_sigma_m": np.round(sigma[:3], DIGITS),
+        "east_north_cov_m2": round(float(pose_cov[0, 1]), 2 * DIGITS),
+        "heading_sigma_deg": round(float(np.degrees(sigma[3])), DIGITS),
+    }
 
-    The attitude is a rotation about up.
-    """
+
+def parse_estimate(content: Mapping[str, Any]) -> StanceEstimate:
+    """Return the estimate of a line, without sample, velocity and tilt; raises `KeyError`, `TypeError` for others."""
 
     def read(key: str) -> Floats:
         return np.array(content[key], dtype=np.float64)  # null is NaN
@@ -368,10 +369,7 @@ def format_table(
     heading: Floats | None = None,
     verdict: Verdict | None = None,
 ) -> Iterator[str]:
-    """Yield the JSON lines of the final estimates; `heading` (K,) rad, None for that of the body's x axis.
-
-    `verdict` is that on the whole path, where there is one.
-    """
+    """Yield the JSON lines of the final estimates; `heading` (K,) rad, None for that of the body's x axis."""
     heading = compute_heading(table.nav_R_body) if heading is None else heading
     for k in range(len(table)):
         pose_cov = np.zeros((4, 4))
@@ -394,7 +392,7 @@ def format_table(
         yield format_estimate(estimate, False, sensor_time, verdict, kind)
 
 
-def _dump(content: dict[str, object]) -> str:
+def _dump(content: Mapping[str, object]) -> str:
     return json.dumps(to_json(content), allow_nan=False)
 
 
@@ -490,20 +488,8 @@ def format_feet_line(line: FeetLine) -> Iterator[str]:
         case Revision() as revision:
             lines = format_revision(revision)
         case PersonEstimate() as person:
-            sigma = np.sqrt(np.diagonal(person.pose_cov))
-            heading = None if person.heading is None else round(float(np.degrees(person.heading) % 360.0), DIGITS)
-            content = {
-                "kind": "now",
-                "stance": person.number,
-                "continues": False,
-                "t": round(person.t, 9),
-                "position_m": np.round(person.position, DIGITS),
-                "heading_deg": heading,
-                "position_sigma_m": np.round(sigma[:3], DIGITS),
-                "east_north_cov_m2": round(float(person.pose_cov[0, 1]), 2 * DIGITS),
-                "heading_sigma_deg": round(float(np.degrees(sigma[3])), DIGITS),
-            }
-            lines = iter([_dump(content)])
+            begin = {"kind": NOW, "stance": person.number, "continues": False, "t": round(person.t, 9)}
+            lines = iter([_dump(begin | _describe_pose(person.position, person.heading, person.pose_cov))])
         case FootState() as state:
             content = {"kind": "foot", "t": round(state.t, 9), "state": state.state, "reason": state.reason}
             lines = iter([_dump(content)])
@@ -514,15 +500,3 @@ def tag_line(line: str, foot: Who, frame: Side) -> str:
     """Return a line of JSON with the keys `foot` and `frame` added."""
     content = json.loads(line)
     return _dump({"kind": content.pop("kind"), "foot": foot, "frame": frame, **content})
-
-
-def extend_covariance(pose_cov: Floats, position: Floats) -> Floats:
-    """Return the covariance (4, 4) of a pose in a walk in progress, plus that of the prior on the moving foot c.
-
-    `position` (3,) m from the start.
-    """
-    east, north = position[:2]
-    moved = np.array([[east, -north], [north, east]]) * (FORWARD_SIGMA, SIDEWAYS_SIGMA)
-    extended = pose_cov.copy()
-    extended[:2, :2] += moved @ moved.T
-    return extended

@@ -4,9 +4,9 @@
     its walk, again    -> with the other foot's, in one graph               (`resolve`)
     two footfalls      -> the person between them                           (`PersonTracker`)
 
-Both are on one clock, but for an offset that is given. A foot that falls silent or is refused leaves the other going on
-alone, from all that both had shown; one that comes back has a gap, and joins again by its steps. One whose clock
-restarts is on no clock of both any more: each is as it is alone from then on.
+Both are on one clock, but for an offset that is given; whether it fits is found by their first steps (`feet.clocks`).
+A foot that falls silent or is refused leaves the other going on alone, and joins again by its steps. Once the clock of
+one restarts, each is as it is alone.
 
 Halfway in time between two footfalls of different feet both stand, so that the person, the middle of both, is at
 
@@ -14,9 +14,6 @@ Halfway in time between two footfalls of different feet both stand, so that the 
 
 The bound holds however the errors are correlated, as the covariance of their difference is none below zero; those of
 two feet that were solved together are nearly one, and then it is close.
-
-Whether the clocks of both fit is found by their first steps (`feet.clocks`), and reported once, with the offset to
-begin again with.
 """
 
 from __future__ import annotations
@@ -78,11 +75,7 @@ class FeetWalk:
 
 
 class FeetNavigator:
-    """Navigates both feet while samples come in, by a navigator each.
-
-    `refused` are feet whose samples cannot be used, and why; `offset_s` is added to the stamps of each by `push`;
-    `is_parted` is whether their clocks are not one any more.
-    """
+    """Navigates both feet while samples come in, by a navigator each."""
 
     def __init__(
         self,
@@ -93,18 +86,10 @@ class FeetNavigator:
         background: bool = False,
         right: OnlineOptions | None = None,
     ) -> None:
-        """Begin a walk.
+        """Begin a walk, as `OnlineNavigator` does; raises `EstimationError` with a lag or fixes.
 
-        Raises `EstimationError` with a lag or fixes, and for an offset that is no time.
-
-        Parameters
-        ----------
-        options : of both feet; a heading is that of the left sensor.
-        remark : given, in a sentence, what is odd about the samples, with the foot's name.
-        detection : how footfalls are found.
-        clock_offset_s : to add to the stamps of the right foot.
-        background : whether both are solved again in another process, as of `OnlineNavigator`.
-        right : options of the right foot, where its sensor is calibrated for itself.
+        A heading of the `options` is that of the left sensor; `right` are those of the right foot where its sensor is
+        calibrated for itself. `clock_offset_s` is added to the stamps of the right foot.
         """
         for name, refused in (("a lag", options.lag_s), ("fixes", options.fixes or None)):
             if refused is not None:
@@ -113,7 +98,7 @@ class FeetNavigator:
             raise EstimationError(f"a clock offset of {clock_offset_s} s is no time: give a number.")
         self._remark = remark
         self._clocks_checked_at: int | None = ENOUGH_SWINGS  # lines of each foot
-        self.offset_s: dict[Side, float] = {"left": 0.0, "right": clock_offset_s}
+        self.offset_s: dict[Side, float] = {"left": 0.0, "right": clock_offset_s}  # that `push` adds to the stamps
         given: dict[Side, OnlineOptions] = {"left": options, "right": options if right is None else right}
         self._walks = WalksAlone()
         self._process = SolverProcess({side: given[side] for side in SIDES}, detection.stance) if background else None
@@ -129,9 +114,9 @@ class FeetNavigator:
             side: OnlineNavigator(given[side], partial(remark_on, side), detection, solver=partial(make_solver, side))
             for side in SIDES
         }
-        self.refused: dict[Side, str] = {}
+        self.refused: dict[Side, str] = {}  # feet whose samples cannot be used, and why
         self._silent: set[Side] = set()
-        self.is_parted, self._begun = False, np.inf
+        self.is_parted, self._begun = False, np.inf  # whether their clocks are not one any more; first stamp, s
         self._person = PersonTracker()
         self._pending: dict[Side, Pending | None] = dict.fromkeys(SIDES)
         self._begun_s = dict.fromkeys(SIDES, -np.inf)
@@ -140,10 +125,7 @@ class FeetNavigator:
     def push(
         self, side: Side, t: Floats, acc: Floats, gyr: Floats, mag: Floats | None = None, pressure: Floats | None = None
     ) -> list[FeetLine]:
-        """Add samples of a foot, as to `OnlineNavigator.push`: both in turn, in blocks of less than `SILENT_S`.
-
-        Raises `FgNavError` where the samples of neither foot can be used.
-        """
+        """Add samples of a foot, as to `OnlineNavigator.push`: both in turn, in blocks of less than `SILENT_S`."""
         if side in self.refused:
             return []
         try:
@@ -297,21 +279,16 @@ class FeetNavigator:
         if step is not None and is_one:
             yield FeetLine("person", "left", step)
 
-    @property
-    def last_stamp(self) -> float:
-        """The newest stamp of both, s; -inf before the first."""
-        return max(self._find_last(side) for side in SIDES)
-
     def _report_state(self, side: Side, state: State, reason: str) -> FeetLine:
-        t = self.last_stamp
+        t = max(self._find_last(side) for side in SIDES)
         return FeetLine(side, self.frame(side), FootState(t if np.isfinite(t) else 0.0, state, reason))
 
 
 class FeetMerge:
     """Rows of two sources in the order of their stamps, in blocks of `BLOCK_S`; those of one source as they come.
 
-    A source gives its rows in pieces: a file some seconds at once, a sensor as they come. Rows wait until the other
-    foot's have come as far, unless that is silent for `HELD_S`, or sends and stays behind for `MAX_HELD` rows.
+    Rows wait until the other foot's have come as far, unless that is silent for `HELD_S`, or stays behind for
+    `MAX_HELD` rows.
     """
 
     def __init__(self, sides: Iterable[Side | None] = SIDES) -> None:

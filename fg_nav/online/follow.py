@@ -8,10 +8,8 @@ A walk has sensors by side: that of one foot or pocket has one, without a side (
 loop reads all sources, while another thread computes. Rows of two feet are taken in the order of their stamps
 (`FeetMerge`), and their lines have the keys `foot` and `frame`.
 
-Nothing that happens to the stream ends the walk but its end: bad rows are left out, and a stalled source is waited for,
-with a remark on each. A walk that is resumed is replayed: its recorded rows pass the same checks into a new navigator,
-without a word, and where the lines that were given end it is solved once (`record`). Then it goes on with what the
-source sends.
+A walk that is resumed is replayed: its recorded rows pass the same checks into a new navigator, without a word, and
+where the lines that were given end it is solved once (`record`). Then it goes on with what the source sends.
 
 Verdict: the limits are those of `fg_nav.verdict.limits`. A path that was spoiled stays so, and none is trusted before
 it has as many strides as make a walk, and the axes were seen in as many. Between two lines a new solution may move the
@@ -70,7 +68,7 @@ NO_ROWS = np.empty((0, COLUMNS))
 REPLAYED = 1 << 14  # rows of a record at once; the answer does not depend on it
 
 # Ctrl-C, a service that is stopped, a terminal or connection that is gone: they end the walk.
-ENDING = (signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else []))
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 DUE_S = 4.0  # To the next line at most: a standing has one every two seconds.
 MIN_STRIDES = 5  # Of which the median of gravity is judged.
 N_FASTEST = 4  # Strides, by the slowest of which the fastest is judged: who begins to run makes more of them.
@@ -159,8 +157,6 @@ class _Follower:
             self.navigators = {None: begin_walk(options.online, self._remark, background=options.background)}
         else:
             left, right = (sensors[side].options for side in SIDES)
-            assert isinstance(left.online, OnlineOptions)
-            assert isinstance(right.online, OnlineOptions)
             self.feet = FeetNavigator(
                 left.online,
                 self._remark,
@@ -224,11 +220,11 @@ class _Follower:
 
     def _replay(self, stop: threading.Event) -> None:
         self._is_replayed = True
-        for walk in self._walks.values():
-            walk.replay(stop)
+        resumed = [(side, walk.replay(stop)) for side, walk in self._walks.items()]
         self._is_replayed = False
-        for walk in self._walks.values():
-            walk.remark_resumed()
+        for side, words in resumed:
+            if words:
+                self._remark(words, side)
 
     def _put(self, side: Side | None, rows: Floats) -> None:
         """Put rows by the clock of both feet where those of both are merged."""
@@ -338,11 +334,11 @@ class SensorWalk:
                 }
             )
 
-    def replay(self, stop: threading.Event) -> None:
-        """Bring the walk to where its record ends, and emit its past, and the lines that were not given yet."""
+    def replay(self, stop: threading.Event) -> str:
+        """Bring the walk to where its record ends, and emit its past, and the lines not given yet; return a remark."""
         record, navigator = self._sensor.record, self._navigator
         if record is None or record.given is None:
-            return
+            return ""
         navigator.resume(record.given)
         self._verdict.judge(record.given.lines, record.given.continues)
         for number, part in enumerate(record.replay()):
@@ -357,13 +353,8 @@ class SensorWalk:
         self.report(navigator.end_replay())
         if record.header is not None:
             self._sensor.source.resume(record.header)
-
-    def remark_resumed(self) -> None:
-        """Remark what was replayed."""
-        record, walked = self._sensor.record, "strides" if self._sensor.options.is_pocket else "stances"
-        if record is not None and record.given is not None:
-            n_footfalls, n_samples = len(self._navigator.footfalls), self._navigator.buffer.stop
-            self._remark(f"resumed from {record.path.name}: {n_footfalls} {walked}, {n_samples} samples.")
+        walked = f"{len(navigator.footfalls)} {'strides' if self._sensor.options.is_pocket else 'stances'}"
+        return f"resumed from {record.path.name}: {walked}, {navigator.buffer.stop} samples."
 
     def add(self, rows: Floats, at_end: bool = False) -> None:
         """Record and push rows (n, 11), and emit the lines that they complete."""
@@ -426,13 +417,9 @@ class SensorWalk:
 
 
 class LineVerdict:
-    """Judges the lines of a walk, in their order; `axes` of its samples.
+    """Judges the lines of a walk, in their order, and the `axes` of its samples.
 
-    Parameters
-    ----------
-    in_pocket : whether the sensor is in a pocket: a line is then two steps, and places are less certain.
-    remark : as of `AxesCheck`.
-    rate_sigma : of a nominal sample rate, a share of it; 0 where rows have stamps.
+    In a pocket a line is two steps, and places are less certain. `rate_sigma` is as of `StreamOptions`.
     """
 
     def __init__(

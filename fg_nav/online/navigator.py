@@ -133,12 +133,9 @@ class OnlineNavigator(SampleIntake):
     ) -> None:
         """Begin a walk.
 
-        Parameters
-        ----------
-        options, detection : of the smoother, and of footfalls.
-        remark : given, in a sentence, what is odd about the samples; once for each kind of oddity.
-        background : whether it is solved again in another process, so that no footfall waits for that.
-        solver : makes the solver of the whole walk, of its samples; None for the walk of one foot.
+        `remark` is given, in a sentence, what is odd about the samples, once for each kind of oddity. With `background`
+        the walk is solved again in another process, so that no footfall waits for that. `solver` makes the solver of
+        the whole walk, of its samples; None for the walk of one foot.
         """
         super().__init__(remark)
         self.options, self.detection = options, detection
@@ -179,13 +176,11 @@ class OnlineNavigator(SampleIntake):
         return found
 
     def finish(self) -> Solution:
-        """End the walk and return its solution: present estimates of the footfalls, and the path through them.
-
-        Raises `RecordingError`, `DetectionError` where there was no walk.
-        """
+        """End the walk and return its solution; raises `RecordingError`, `DetectionError` where there was no walk."""
         began = perf_counter()
         self.close()
-        stances, (table, nodes), window = self.stances(), self.smoother.solution(), self.smoother.window
+        stances = join_footfalls(self.footfalls, self.buffer.stop)
+        (table, nodes), window = self.smoother.solution(), self.smoother.window
         assert window is not None
         p, is_new = window.initial.parameters, np.array([not footfall.continues for footfall in self.footfalls], bool)
         table = mark_returns(select_rows(table, is_new), self.returns)
@@ -214,13 +209,9 @@ class OnlineNavigator(SampleIntake):
     def polish(self, progress: Callable[[float], None] | None = None, stances: Stances | None = None) -> Solution:
         """End the walk and solve it as a whole in batch; without its field where that fails.
 
+        `progress` is called with the fraction that is done; `stances` are of `recording()`, where they are known.
         Raises `RecordingError`, `DetectionError`, `EstimationError` where there was no walk, with a lag, or where it
         has no solution.
-
-        Parameters
-        ----------
-        progress : called with the fraction that is done.
-        stances : of `recording()`, where they are known.
         """
         self.close()
         recording, options, is_known = self.recording(), self.options, stances is not None
@@ -248,10 +239,6 @@ class OnlineNavigator(SampleIntake):
             raise EstimationError("with a lag the samples of a walk are not kept: leave the lag out.")
         return self._cut_until(self.buffer.stop)
 
-    def stances(self) -> Stances:
-        """Return the stances so far; raises `DetectionError` if there is none."""
-        return join_footfalls(self.footfalls, self.buffer.stop)
-
     def pose(self) -> StrapdownPath | None:
         """Return the pose at the last sample, as a path of one row; None before the first footfall.
 
@@ -259,13 +246,12 @@ class OnlineNavigator(SampleIntake):
         """
         if not self.smoother.n_reported:
             return None
-        last_stamp = self.buffer.stamp(self.buffer.stop - 1)
         longest = self.buffer.stamp(self._handed - 1) + MAX_FREE_S
         until = self.buffer.find_since(longest, self.buffer.stop)
         last = StrapdownPath(*(part[-1:] for part in self.smoother.propagate(until)))
         if until == self.buffer.stop:
             return last
-        return last._replace(t=np.array([last_stamp]), velocity=np.zeros((1, 3)))
+        return last._replace(t=np.array([self.buffer.stamp(self.buffer.stop - 1)]), velocity=np.zeros((1, 3)))
 
     @property
     def stands(self) -> bool:
@@ -369,9 +355,7 @@ class OnlineNavigator(SampleIntake):
     def _solve_given(self) -> list[StanceEstimate | Revision]:
         """Solve the walk whose lines were given; return its past, and which of them have no footfall."""
         given, self._given = self._given, None
-        if given is None or not given.estimates:
-            return []
-        return [self.smoother.solve_given(given)]
+        return [self.smoother.solve_given(given)] if given is not None and given.estimates else []
 
 
 def finish_walk(

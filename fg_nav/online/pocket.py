@@ -3,9 +3,9 @@
     samples -> intake -> blocks of `BLOCK_S` -> orientation and steps (`pocket.online`)
             -> their path so far (`pocket.dead_reckoning`) -> estimate
 
-The functions are those of the batch (`fg_nav.pocket.navigate`), with the orientation of the filter forward, from the
-past alone. The blocks are those of the stamps, so that nothing depends on how the samples came. An estimate is where
-the body is at the end of a stride, and its heading is that of the stride.
+The functions are those of the batch (`fg_nav.pocket.navigate`), with the orientation from the past alone
+(docs/pocket.md). The blocks are those of the stamps, so that nothing depends on how the samples came. An estimate is
+where the body is at the end of a stride, and its heading is that of the stride.
 
 Every estimate adds up all steps so far, with the axes of the thigh as they are known then. In the first strides they
 are uncertain, so the path turns about its origin; a degree and more is a `Revision`. Their uncertainty is in the
@@ -79,7 +79,7 @@ class PocketNavigator(SampleIntake):
 
     def __init__(
         self,
-        options: OnlineOptions = OnlineOptions(None, mount="pocket"),
+        options: OnlineOptions = OnlineOptions(heading_rad=None, mount="pocket"),
         remark: Callable[[str], None] = lambda words: None,
     ) -> None:
         """`remark` is given, in a sentence, what is odd about the samples; once for each kind of oddity."""

@@ -1,12 +1,8 @@
 """The record of a stream, from which a walk that was killed goes on: its samples as they came, and the lines it gave.
 
-=============== ======================================================================================================
-FILE            the samples as canonical CSV, as `fg-nav run` reads it, exact to the last bit: before calibration, and
-                before anything is left out or set on
-FILE.lines      the lines as they were given, those of a block of samples in one JSON array a line, so that it is whole
-                or not there; among them `walk` (version and options; at the start and at each resume, with the number
-                of samples before) and `header` (columns of the source)
-=============== ======================================================================================================
+FILE has the samples (docs/online.md), FILE.lines the lines, those of a block of samples in one JSON array a line, so
+that it is whole or not there. Among the lines are `walk` (version and options; at the start and at each resume, with
+the number of samples before) and `header` (columns of the source).
 
 Samples are written before the lines that they complete, and these before anybody is given them, in one write for each
 block of samples: killed anywhere, no line is lost or given twice. (A line that is written and not printed yet when the
@@ -112,21 +108,9 @@ class GivenLines:
 class Record:
     """The files of a record, open and locked.
 
-    Raises `OutputError` if they are there already and are neither gone on with nor replaced, or cannot be opened, and
-    `FormatError` if they are to be gone on with and are none of ours.
-
-    Parameters
-    ----------
-    resumes : whether the walk of an older record goes on.
-    force : whether an older record is replaced otherwise; it stays as it is until the first sample is there.
-    remark : called with a sentence if a file cannot be written, and when it can again.
-
-    Attributes
-    ----------
-    given : the lines that were given; None of a new walk.
-    header : names of the columns of the source, None before they are known.
-    is_interrupted : whether an unknown time lies before the samples that `add` returned last: where a walk is resumed
-        and its source did not begin again.
+    The walk of an older record goes on (`resumes`), or it is replaced with the first sample (`force`). Raises
+    `OutputError` if there is one and neither is asked, or a file cannot be opened, and `FormatError` if a record to go
+    on with is none of ours.
     """
 
     def __init__(self, path: Path, resumes: bool, force: bool, remark: Callable[[str], None]) -> None:
@@ -137,8 +121,10 @@ class Record:
             raise OutputError(
                 f"{old[0]} is there already: go on with it by --resume, replace it by --force, or name another file."
             )
-        self.given: GivenLines | None = None
-        self.header: list[str] | None = None
+        self.given: GivenLines | None = None  # None of a new walk.
+        self.header: list[str] | None = None  # Names of the columns of the source; None before they are known.
+        # Whether an unknown time lies before the samples that `add` returned last: where the walk is resumed and its
+        # source did not begin again.
         self.is_interrupted = False
         rows = np.empty((0, COLUMNS))
         self._walks: list[dict[str, Any]] = []
@@ -217,7 +203,7 @@ class Record:
     def _read(self) -> Floats:
         """Return the recorded samples (n, 11), without what was cut off at their end; read their lines."""
         name, elsewhere = self.path.name, "name another file to record into"
-        if not HEADER.encode().startswith(self._samples.read(len(HEADER))):
+        if not self._samples.begins_with_header():
             raise FormatError(f"{name} was not recorded by this command: {elsewhere}.")
         # The lines.
         try:
@@ -232,8 +218,7 @@ class Record:
         except (ValueError, KeyError, TypeError):
             walks, header, given = [], None, None
         # The samples; a walk that was killed before there were any begins anew.
-        self._samples.cut_last_line()
-        if not self._samples.has_rows:
+        if not self._samples.cut_last_line():
             if given is None or given.lines:
                 raise FormatError(f"{self._lines.path} is there, and the samples of its walk are not: {elsewhere}.")
             return np.empty((0, COLUMNS))
@@ -253,10 +238,7 @@ class Record:
 
 
 class _AppendedFile:
-    """A text file that is appended to, open and locked; what it held stays until then, and is replaced if not read.
-
-    It begins with `header`.
-    """
+    """A text file that is appended to, open and locked; what it held stays until then, and is replaced if not read."""
 
     def __init__(self, path: Path, header: str, remark: Callable[[str], None]) -> None:
         self.path, self._header, self._remark = path, header, remark
@@ -276,22 +258,17 @@ class _AppendedFile:
         self._retry_at: float | None = None  # While it cannot be written.
         self._synced_at = 0.0  # When it was last on the disk.
 
-    @property
-    def has_rows(self) -> bool:
-        """Whether more than the header is in it."""
-        return self._good > len(self._header)
-
     def drop_older(self) -> None:
         """Drop what an older file held, if that was not read."""
         if self._good == 0:
             os.truncate(self._file, 0)
 
-    def read(self, size: int) -> bytes:
-        """Return its first bytes."""
-        return os.pread(self._file, size, 0)
+    def begins_with_header(self) -> bool:
+        """Return whether it begins with its header, or with a part of it and has no more."""
+        return self._header.encode().startswith(os.pread(self._file, len(self._header), 0))
 
-    def cut_last_line(self) -> None:
-        """Go on behind the last line that has an end."""
+    def cut_last_line(self) -> bool:
+        """Go on behind the last line that has an end; return whether more than the header is before that."""
         size = os.fstat(self._file).st_size
         tail, begin = b"", size
         while b"\n" not in tail and begin:
@@ -299,6 +276,7 @@ class _AppendedFile:
             tail = os.pread(self._file, size - begin, begin)
         self._good = begin + tail.rfind(b"\n") + 1
         os.truncate(self._file, self._good)
+        return self._good > len(self._header)
 
     def append(self, text: str) -> None:
         """Append whole lines, or have them wait while the disk is full."""

@@ -14,18 +14,14 @@ samples so far, as in a recording. A footfall without a sample in any of those s
 stance without a sample in any footfall was missed and is put in. What ends less than `OPEN_S` before the last sample
 stays.
 
-The whole walk: lever, swing noise, the bias to linearize at, its random walk, the height of clipped peaks, delay and
-iron of the magnetometer and the roughness of the field are estimated on it, level floors are recognized, and stances
-that contradict it get a larger sigma. Of the position fixes those are used whose time has come
-(`smoother.constraints`): where they show the heading better than it is known, the walk is turned to them.
+The whole walk is solved by the recipe of the batch (`smoother.batch`), with the position fixes whose time has come.
 
-Two feet: each walk alone, then both in one graph (`smoother.feet.solve_feet`), and the anchor state of each foot by the
-triangle of both; its newest strides go on from there alone. Both begin within a step of each other, and are joined when
-the first of them is due, so that both go on from one solution, each by its own marginal of it: nothing is counted
-twice. A foot that has no newer task is in it as it was solved last. Steps that tie fewer cells than `MIN_CELLS` do not
-show how the feet lie: then each is as it is alone, the right one in a frame of its own. The frame of both is the left
-foot's. Where its heading was given, or it has no magnetometer, the right foot's is set by the directions of the steps,
-once, and its walk solved again with it: else its field and the steps would ask for two.
+Two feet: each walk alone, then both in one graph (`smoother.feet.solve_feet`) when the first of them is due, and the
+anchor state of each foot by the triangle of both; its newest strides go on from there alone, by its own marginal of one
+solution: nothing is counted twice. Steps that tie fewer cells than `MIN_CELLS` do not show how the feet lie: then each
+is as it is alone, the right one in a frame of its own. The frame of both is the left foot's. Where its heading was
+given, or it has no magnetometer, the right foot's is set by the directions of the steps, once, and its walk solved
+again with it: else its field and the steps would ask for two.
 """
 
 from __future__ import annotations
@@ -121,33 +117,28 @@ class WalkSolver:
 
     def _solve(self, task: Task) -> tuple[AnchorState, PartialWalk] | None:
         """Solve a task; return the anchor state at its last footfall, and the walk."""
-        footfalls, start = self._review(task), task.start
+        # The footfalls, reviewed in all samples that are needed; that of an anchor state stays.
+        start, footfalls, until = task.start, list(task.footfalls), task.footfalls[-1].until
+        begins = 0
+        if start is not None:
+            stamp = self.buffer.stamp(int(footfalls[0].footfall.start[0]))
+            begins = self.buffer.find_since(stamp - CONTEXT_S, until)
+        recording = as_recording(self.buffer.between(begins, until), with_mag=False)
         if start is None:
+            footfalls = review_footfalls(recording, begins, footfalls, self._stance)
             walk = PartialWalk(self.buffer, self._options, sensor=task.sensor)
             for footfall in footfalls:
                 walk.add(footfall)
             return self._solve_whole(walk, task.has_ended)
-        number = start.stance.number
-        walk = PartialWalk(self.buffer, self._options, number, footfalls[:1], start.sensor)
-        window = Window(replace(start, footfalls=tuple(footfalls[:1]), first=number), walk)
-        window.extend(footfalls[1:])
+        first, number = footfalls[0], start.stance.number
+        reviewed = review_footfalls(recording, begins, footfalls[1:], self._stance)
+        walk = PartialWalk(self.buffer, self._options, number, [first], start.sensor)
+        window = Window(replace(start, footfalls=(first,), first=number), walk)
+        window.extend(one for one in reviewed if one.footfall.start[0] >= first.footfall.stop[-1])
         return window.to_anchor(), walk
 
     def _solve_whole(self, walk: PartialWalk, has_ended: bool) -> tuple[AnchorState, PartialWalk] | None:
         return solve_from_start(walk, self._options, has_ended), walk
-
-    def _review(self, task: Task) -> list[ReportedFootfall]:
-        """Return the footfalls of a task, reviewed; that of its anchor state stays."""
-        begins, until = 0, task.footfalls[-1].until
-        if task.start is not None:
-            stamp = self.buffer.stamp(int(task.footfalls[0].footfall.start[0]))
-            begins = self.buffer.find_since(stamp - CONTEXT_S, until)
-        recording = as_recording(self.buffer.between(begins, until), with_mag=False)
-        if task.start is None:
-            return review_footfalls(recording, begins, task.footfalls, self._stance)
-        first, *later = task.footfalls
-        reviewed = review_footfalls(recording, begins, later, self._stance)
-        return [first, *(one for one in reviewed if one.footfall.start[0] >= first.footfall.stop[-1])]
 
 
 def review_footfalls(
@@ -412,13 +403,9 @@ class SolverProcess:
 
 
 class Solver:
-    """Solves a walk again: in another process, or in this one where there is none, or none any more.
+    """Solves a walk again: in another process, or `here`, with all samples, where there is none, or none any more.
 
-    Parameters
-    ----------
-    here : of this process, with all samples.
-    process, side : the other one, and the side of the foot; None of one foot alone.
-    remark : given a sentence where the other one cannot go on.
+    `side` is that of the foot, None of one foot alone; `remark` is given a sentence where the process cannot go on.
     """
 
     def __init__(

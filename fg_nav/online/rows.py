@@ -50,10 +50,7 @@ class Columns:
 
 
 def parse_columns(words: str | None, units: str | None = None, rate_hz: float | None = None) -> Columns | None:
-    """Return the columns that the user names, in the grammar of `fg_nav.columns.mapping`; None without.
-
-    Raises `StreamError` if a column is missing, doubled or unknown, or a unit is.
-    """
+    """Return the columns that the user names (`fg_nav.columns.mapping`), None without; raises `StreamError`."""
     if words is None:
         for value, option in ((units, "--units"), (rate_hz, "--rate")):
             if value is not None:
@@ -96,20 +93,14 @@ class RowReader:
     Without `columns` the first line that names canonical columns is the header, or the end of one if the source began
     before; where it was lost, rows of 7, 10 or 11 numbers are in canonical order if units and axes are then those of a
     sensor, and all of them are kept. Then each line is a row. One that has another number of fields, or a field that is
-    no number, is left out and counted in `bad`; an empty field is NaN. The last line waits for its end.
+    no number, is left out and counted in `bad`; an empty field is NaN.
 
-    A line that names columns again is a header too: the rows behind it are in its order, in the units of its names.
-    Behind one of other names, as where a sensor restarts with other software, rows are left out until one names those
-    of before again. Where only its end is missing, or one name is damaged, the order stays.
+    A line that names columns again is a header too. Behind one of other names, as where a sensor restarts with other
+    software, rows are left out until one names those of before again. Where only its end is missing, or one name is
+    damaged, the order stays.
 
     Raises `FormatError` from `read`, if no header comes, or the first one lacks a column, or names others than before
     the walk resumed.
-
-    Parameters
-    ----------
-    name : of the source, for messages.
-    remark : called with a sentence about the first bad row.
-    columns : of rows without a header; None where the source must send one.
     """
 
     def __init__(
@@ -127,15 +118,15 @@ class RowReader:
         # What a first header lacks; rows without one, until their order is clear.
         self._problem: FormatError | None = None
         self._headless: list[list[str]] = []
+        # The columns that the user names; their words, where a header or the first row shows their places.
         self._wanted = columns
+        words = None if columns is None else columns.mapping
+        self._mapping = None if words is None else mapping.parse_columns(words)
         if columns is not None and columns.mapping is None:
             self._use(columns)
 
     def resume(self, header: Sequence[str]) -> None:
-        """Use the header from before an interruption.
-
-        A source that begins again sends it again, and it must name the same columns, in any order.
-        """
+        """Use the header from before an interruption; one that comes again must name the same columns, in any order."""
         if self._columns is None and self._wanted is None:
             self._use(Columns(tuple(header)), header)
             self._is_confirmed = False
@@ -167,10 +158,7 @@ class RowReader:
         return np.array(rows, dtype=np.float64).reshape(-1, COLUMNS)
 
     def finish(self, is_cut: bool = False) -> Floats:
-        """Return the samples (n, 11) left at the end, none of a last line that `is_cut` by a signal.
-
-        Raises `FormatError` if no header came.
-        """
+        """Return the samples (n, 11) left at the end, none of a last line that `is_cut`; raises `FormatError`."""
         rows = self.read(b"" if is_cut or not self._rest else b"\n")
         if self._columns is None and len(self._headless) >= MIN_HEADLESS:
             rows = np.array(self._read_headless(), dtype=np.float64).reshape(-1, COLUMNS)
@@ -256,12 +244,6 @@ class RowReader:
         self._use(columns, None if is_row else fields)
         row = self._read_row(fields, columns) if is_row else None
         return [] if row is None else [row]
-
-    @property
-    def _mapping(self) -> mapping.Columns | None:
-        """The columns that the user names, where a header or the first row shows their places."""
-        words = None if self._wanted is None else self._wanted.mapping
-        return None if words is None else mapping.parse_columns(words)
 
     def _place(self, wanted: mapping.Columns, names: Sequence[str]) -> Columns:
         assert self._wanted is not None

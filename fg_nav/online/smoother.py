@@ -6,14 +6,10 @@
                         revised (`estimates.Revision`)
 
 The newest window is short, so that a footfall costs the same however long the walk; all of the past is in its anchor
-state. Where it ends is fixed by the count of footfalls alone, so the same calls give the same answers to the bit.
-
-A walk is solved again by the count of its footfalls alone (table in docs/online.md). One of n footfalls takes some
-n / 250 s, a footfall one second: the solution takes effect two footfalls later, and one more for each 200 of the walk.
-It is waited for where it is solved in this process, or the walk spends less than half of its time waiting for samples:
-those of a recording. Where they come as they are walked it takes effect once it is there.
-
-A walk that is resumed begins with the lines that were given and their footfalls, which are solved once.
+state. Where it ends, and when the walk is solved again (table in docs/online.md), is fixed by the count of footfalls
+alone, so the same calls give the same answers to the bit. A solution is waited for where it is solved in this process,
+or the walk spends less than half of its time waiting for samples: those of a recording. Where they come as they are
+walked it takes effect once it is there.
 """
 
 from __future__ import annotations
@@ -70,7 +66,7 @@ def choose_next(n: int, has_lag: bool) -> int:
 
 
 def choose_delay(n: int, has_lag: bool) -> int:
-    """Return how many footfalls behind n a solution of n footfalls takes effect."""
+    """Return how many footfalls behind n a solution of n takes effect: it takes n / 250 s, a footfall one second."""
     return 2 + (WINDOW if is_windowed(n, has_lag) else n) // 200
 
 
@@ -119,7 +115,8 @@ class OnlineSmoother:
         finite, or if the first footfall has no up.
         """
         # A solution that is due takes effect before the footfall that comes behind it.
-        revised = self._apply_solution() if self._is_taken() else []
+        is_due = self.pending is not None and self.pending.due_at <= self.n_reported
+        revised = self._apply_solution() if is_due and (self._waits() or self.solver.is_ready()) else []
         reported = ReportedFootfall(footfall, self.n_reported, until)
         self.walk.add(reported)
         self.footfalls.append(reported)
@@ -160,12 +157,11 @@ class OnlineSmoother:
 
         Samples of the buffer before `until` are used with it; `solve_given` follows the last one.
         """
-        sample = line.sample if footfall is None else footfall.stillest
         if footfall is not None:
             reported = ReportedFootfall(replace(footfall, continues=continues), self.n_reported, until)
             self.walk.add(reported)
             self.footfalls.append(reported)
-        self.reported.append(line.as_row(sample))
+        self.reported.append(line.as_row(None if footfall is None else footfall.stillest))
         self.reported_continues.append(continues)
 
     def solve_given(self, lines: GivenLines) -> Revision:
@@ -252,10 +248,7 @@ class OnlineSmoother:
         return build_table(past.rows), past.nodes
 
     def propagate(self, until: int) -> StrapdownPath:
-        """Propagate the pose from the last footfall to the sample before `until`.
-
-        Raises `EstimationError` before the first footfall.
-        """
+        """Propagate the pose from the last footfall to before `until`; raises `EstimationError` before the first."""
         if self.window is None:
             raise EstimationError("there is no footfall yet to carry a pose on from: add one first.")
         return self.window.propagate(until)
@@ -263,12 +256,6 @@ class OnlineSmoother:
     def resolve_soon(self, footfall: int) -> None:
         """Begin the next solution at this footfall at the latest."""
         self._next = min(self._next, footfall)
-
-    def _is_taken(self) -> bool:
-        """Decide whether the pending solution takes effect before the next line."""
-        if self.pending is None or self.pending.due_at > self.n_reported:
-            return False
-        return self._waits() or self.solver.is_ready()
 
     def _waits(self) -> bool:
         """Return whether the walk waits for a solution that is due."""

@@ -1,24 +1,10 @@
-"""Where samples come from; one asyncio loop reads all sources of a walk.
+"""Where samples come from (docs/online.md); one asyncio loop reads all sources of a walk.
 
-======================== =================================================================================
--                        standard input, until its end
-a file                   from its beginning, and on as it grows
-a serial device          such as /dev/ttyUSB0; again when it is plugged in again; needs pyserial
-tcp://host:port          from a server, and again when it is there again
-tcp-listen://host:port   from a sensor that connects to that address of this machine, and again
-udp://host:port          datagrams sent to that address of this machine; each holds whole lines
-a recording, --speed     each sample when its time has come, at the speed of the walk or a faster one
-======================== =================================================================================
+Standard input, files and recordings are read when their rows are needed. The others do not wait (`LiveSource`): a task
+of the loop reads each into a queue while another thread computes the walk, for at 400 Hz a serial line would overflow
+after a tenth of a second, the system's buffer for datagrams after some seconds.
 
-The host is 127.0.0.1 if none is given; 0.0.0.0 is heard by other machines too. Standard input, files and recordings are
-read when their rows are needed. The others do not wait (`LiveSource`): a task of the loop reads each into a queue while
-another thread computes the walk, for at 400 Hz a serial line would overflow after a tenth of a second, the system's
-buffer for datagrams after some seconds. These have no end but Ctrl-C and --silence; a connection that breaks is opened
-again.
-
-One walk has one sender (`SenderLock`). Datagrams and connections of another are left out, with a remark that names it:
-the stamps of two sensors would make one walk of two. A sender that was switched off and on has another port: its host
-is accepted again once its old connection has ended, or nothing came for `RESTARTED_S`.
+One walk has one sender (`SenderLock`): the stamps of two sensors would make one walk of two.
 """
 
 from __future__ import annotations
@@ -49,9 +35,7 @@ from fg_nav.recording import Recording
 from fg_nav.samples.readings import COLUMNS
 
 Remark = Callable[[str], None]  # Called with a sentence for people.
-Connection: TypeAlias = tuple[
-    Callable[[], Awaitable[bytes]], Callable[[], None]
-]  # Read what came, b"" at the end; close.
+Connection: TypeAlias = tuple[Callable[[], Awaitable[bytes]], Callable[[], None]]  # Read, b"" at the end; close.
 
 PIECE = 1 << 16  # bytes that are read at once; no datagram has more
 POLL_S = 0.05  # period at which a file is checked for more
@@ -192,10 +176,7 @@ def open_samples(word: str, columns: Columns | None, baud: int, speed: str | Non
 
 
 def open_source(word: str, columns: Columns | None, baud: int, remark: Remark) -> TextSource:
-    """Open a source of rows by the name that the user gave.
-
-    Raises `StreamError` if it cannot be opened: what is wrong, and what to try.
-    """
+    """Open a source of rows by the name that the user gave; raises `StreamError` if it cannot be opened."""
     if word == "-":
         if sys.stdin is None:
             raise StreamError("there is no standard input: name another source.")
@@ -328,7 +309,7 @@ class SenderLock:
 
     def __init__(self, name: str, remark: Remark) -> None:
         self._name, self._remark = name, remark
-        self._host, self._port = "", 0
+        self._host, self._port = "", 0  # A sender that was switched off and on has another port.
         self.last = -float("inf")  # When the sender has sent something, by the monotonic clock.
         self._others: set[str] = set()
 
@@ -459,20 +440,15 @@ class ConnectedSource(LiveSource):
 
 
 class SerialDevice(ConnectedSource):
-    """A serial device, opened at once and again when it is plugged in again; needs pyserial.
-
-    Raises `StreamError` if pyserial is not installed, or the device cannot be opened.
-    """
+    """A serial device; raises `StreamError` if pyserial is not installed, or the device cannot be opened."""
 
     def __init__(self, reader: RowReader, baud: int) -> None:
         super().__init__(reader)
-        path = self.name
+        path, missing = self.name, "pyserial is not installed: pip install 'fg-nav[serial]'."
         try:
             import serial
         except ImportError:
-            raise StreamError(
-                f"{path} is a serial device, and pyserial is not installed: pip install 'fg-nav[serial]'."
-            ) from None
+            raise StreamError(f"{path} is a serial device, and {missing}") from None
         self._open: Callable[[], Any] = partial(serial.serial_for_url, path, baud, timeout=0)
         try:
             self._first: Any = self._open()

@@ -13,10 +13,8 @@ opening, whatever the speed, and each person has his own figures). The second is
 cadence, which a person keeps above some 1 m/s and 98 steps/min (Sekiya and Nagasaki 1998; PMC5430280), and which is
 about 0.006 m per step/min: 0.0062 here, assumed good to a tenth. Slower steps are longer than that. The errors of both
 are independent. c is no leg to be measured: knees bend, the pelvis turns along, heel and toe add to the length, and a
-sensor in a pocket moves more than the bone.
-
-Default: c is the leg of an adult, 0.90 m, for a hip is 0.53 of the height over the floor, and the height 1.70 m. Then a
-usual step of 0.70 m opens the legs by 46 deg, and takes 0.53 s.
+sensor in a pocket moves more than the bone. Default: the leg of an adult of 1.70 m, 0.53 of the height; then a usual
+step of 0.70 m opens the legs by 46 deg, and takes 0.53 s.
 
 The position's covariance has four parts, l being the lengths, n the left of the directions d, sums over all steps:
 

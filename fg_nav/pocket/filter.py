@@ -7,19 +7,13 @@
         field       where the field holds still: its rotation since the last sample           MD (15), (16)
         store       attitude, bias, their sigmas
 
-Gravity shows drifts of the tilt, that is of the two biases that are level at the time. The differential field shows the
-bias across the field: two of three components while the body keeps one attitude to it, the third as the leg swings or
-the walk turns. The heading itself is never observed: turned about up, all results are the same.
-
-A rate is the mean over the period from its stamp to the next one; a field is that of its stamp.
+The heading itself is never observed: turned about up, all results are the same. A rate is the mean over the period from
+its stamp to the next one; a field is that of its stamp.
 
 Specific force of the gravity update (`average_force`)
-    MD uses a sample while its strength is gravity's. A walking thigh passes through that strength with as much and more
-    across, and to the same side in each stride: by up to 4.7 m/s^2 an axis on two real thighs (`qmt_fullbody`), by 3 to
-    5 in the mean in the simulated street, where the tilt is 60 deg off. But over a stride the hip's velocity comes back
-    to itself, and the mean specific force, its samples rotated into one frame by the gyroscope, is gravity. Weighted by
-    a raised cosine over two seconds, so that it need not span a whole number of strides, it is so to 0.1 to 0.25 m/s^2
-    an axis on those thighs and to 0.1 in the simulator (a plain mean over one second: 0.15 to 0.35).
+    MD uses a sample while its strength is gravity's; a walking thigh has as much across then, to the same side in each
+    stride. But over a stride the hip's velocity comes back to itself, and the mean specific force in one frame is
+    gravity: weighted by a raised cosine over two seconds, to 0.1 to 0.25 m/s^2 an axis on two real thighs.
 
         sum over the window of  w_j G_k^T G_j f_j,     G the attitude by the gyroscope alone, from any start
 
@@ -34,8 +28,7 @@ Detectors (MD 2.1.2 names two and refers to its reference 26). Ours are causal.
 
         s^2 < sigma^2 chi2_{n-1}(1 - p) / (n - 1) + (drift T)^2 / 12
 
-    p being the false-alarm rate of noise alone, and T the window: a steady drift spreads by drift T / sqrt(12).
-    The strength needs no attitude. A field that turns at the same strength is not detected.
+    p being the false-alarm rate of noise alone, and T the window. A field that turns at the same strength passes.
 
 State, MD (1): R = nav_R_body and the gyro bias b. The error is estimate minus truth, in this order:
 
@@ -81,12 +74,8 @@ Along m' H is zero, for no rotation changes a strength; and N is 2 s_m^2 + q |m'
 u, v and m' / |m'| a right-handed set, |m'| v^T S and -|m'| u^T S about u and v. The noise of each field enters two
 differences, once with either sign; the filter takes them as independent, as MD does.
 
-Four equations do not work as they are printed, and the state is not in Euler angles: what must stand there, and the
-filter as printed, is `fg_nav.lab.reproduce.munoz_diaz2017.as_printed`.
-
-Parameters. MD prints the noises of its emulated sensor (Table 2) and the form of the equations, but no prior, no
-figures of the bias model, none of the accelerometer and no threshold: each value chosen here gives its reason. The
-gyroscope's noises are densities, so that results do not depend on the sampling rate; the smoother shares them.
+Four equations do not work as they are printed (`fg_nav.lab.reproduce.munoz_diaz2017.as_printed`). MD prints no prior,
+no figures of the bias model and the accelerometer, and no threshold: each value chosen here gives its reason.
 
 Reference: Munoz Diaz, de Ponte Mueller, Garcia Dominguez (2017), "Use of the Magnetic Field for Improving Gyroscopes'
 Biases Estimation", Sensors 17(4) 832.
@@ -223,7 +212,7 @@ class FilterModel(NamedTuple):
 
 
 def build_model(p: PocketParameters) -> FilterModel:
-    """Return noise densities, gates and switches of the compiled filter, in rad, m/s^2 and uT."""
+    """Return noise densities and gates of the compiled filter, in rad, m/s^2 and uT."""
     return FilterModel(
         gyr_density=float(np.radians(GYR_DENSITY_DEG)) ** 2,
         bias_density=compute_bias_walk() ** 2,
@@ -409,16 +398,9 @@ class FilterInputs(NamedTuple):
 def estimate_pocket(
     recording: Recording, parameters: PocketParameters = PocketParameters(), start: PocketStart | None = None
 ) -> PocketTrack:
-    """Estimate orientation and gyro bias of a sensor in a trouser pocket.
+    """Estimate orientation and gyro bias of a sensor in a trouser pocket; the field is used in the rows that have one.
 
-    Parameters
-    ----------
-    recording : Recording
-        Without a magnetometer, or in rows without one, the field is not used.
-    parameters : PocketParameters
-        MD's by default.
-    start : PocketStart
-        Attitude at the first sample; level with heading 0 if None.
+    `start`: attitude at the first sample; level with heading 0 if None.
 
     Raises `EstimationError` if it cannot be levelled, or the filter diverges to infinity.
     """

@@ -5,9 +5,9 @@
     variances  of field, place, pace and swing, t-distributed, by IRLS
     fixed lag  the smoother of the last seconds, online and as the first estimate of the batch
 
-MD compares each field with the last one. The noise of a difference does not grow with the time over which the bias
-turns it, so that nearly all information is lost. Here a field is compared with all measurements of it: with a noise of
-s uT a sample, n samples a second and a field of H uT across, the bias is known after T seconds to
+MD compares each field with the last one, and loses nearly all information: the noise of a difference does not grow
+with the time over which the bias turns it. Here a field is compared with all measurements of it: with a noise of s uT a
+sample, n samples a second and a field of H uT across, the bias is known after T seconds to
 
     s / H sqrt(12 / (n T^3))                                          (least squares of a straight line)
 
@@ -38,9 +38,8 @@ quickly (start, stop, corner): its steps are t-distributed, v = q^2 h / w with w
 e^2 the expected square of both level parts. So are the swings p.
 
 Fixed lag. The nodes of the last seconds are smoothed again whenever there are new ones. Older nodes are marginalized
-into a prior of the first node of the window, as they were linearized and weighted then. That is the same forward pass
-as over all nodes: but for weights that only later data could correct, the estimate at its end is that of the batch
-solution of the data so far.
+into a prior of the first node of the window, as they were linearized and weighted then: the same forward pass as over
+all nodes, but for weights that only later data could correct.
 
 Reference: Lange, Little, Taylor (1989), "Robust statistical modeling using the t distribution".
 """
@@ -141,21 +140,13 @@ def smooth_pocket(
 ) -> PocketTrack:
     """Estimate orientation and gyro bias of a sensor in a trouser pocket from all of a recording.
 
+    Where there is no field the gyroscope and gravity are used alone. Both NIS are of two degrees of freedom, predicted
+    at a node; a field's, of three, is scaled to that.
+
     Parameters
     ----------
-    recording : Recording
-        Without a magnetometer, or where it has no samples, the gyroscope and gravity are used alone.
-    parameters : PocketSmootherParameters
-        Errors of the sensors.
-    start : PocketStart
-        Attitude at the first sample; level with heading 0 if None.
-    progress : callable
-        Called with the share that is done.
-
-    Returns
-    -------
-    PocketTrack
-        Both NIS are of two degrees of freedom, predicted at a node; a field's, of three, is scaled to that.
+    start : attitude at the first sample; level with heading 0 if None.
+    progress : called with the share that is done.
 
     Raises `EstimationError` if it cannot be levelled, or the solution diverges to infinity.
     """

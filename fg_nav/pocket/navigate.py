@@ -68,12 +68,9 @@ def navigate_pocket(
 
     Parameters
     ----------
-    recording : Recording
-    method : one of `METHODS`.
     heading : rad clockwise from north, of the first two strides; None if unknown.
     step_constant_m : of the person, from an earlier calibration (`fg_nav.pocket.dead_reckoning`).
     known_distance_m : meters walked along the path in this recording, to calibrate the constant by.
-    progress : is called with the fraction done.
     gnss : a receiver's fixes: heading, step constant and path by them too.
 
     Raises `EstimationError` if there is no such method, the heading is no number, both a constant and a distance are

@@ -153,6 +153,7 @@ class OnlinePocket:
         self._sums, self._front, self.skewness = SwingSums(), 1.0, 0.0
         none = np.zeros((0, 4), dtype=np.int64), np.empty((0, 4)), np.empty(0), np.empty(0), np.zeros(0, dtype=np.bool_)
         self._openings, self._is_open, self._n_ends, self._lost_m2 = Openings(*none), False, 0, 0.0
+        self._joined: tuple[tuple[int, bool, float], Steps, Ints] | None = None
         empty = np.empty((0, 2)), np.empty((0, 2, 3, 3)), np.empty((0, 2, 3)), np.empty(0), np.empty(0)
         self._moments = _Moments(*empty)
         # samples that are still needed, of which the first is number `_first` of the walk, and their slow parts
@@ -387,13 +388,18 @@ class OnlinePocket:
             )
 
     def _join(self) -> tuple[Steps, Ints]:
-        """All steps so far, with the front as it is known now, and the opening (S,) of each."""
-        return join_openings(self._openings._replace(swept=self._front * self._openings.swept), self._is_open)
+        """All steps so far, with the front as it is known now, and the opening (S,) of each; joined anew if changed."""
+        state = len(self._openings.t), self._is_open, self._front
+        if self._joined is None or self._joined[0] != state:
+            signed = self._openings._replace(swept=self._front * self._openings.swept)
+            self._joined = (state, *join_openings(signed, self._is_open))
+        return self._joined[1:]
 
     def _end_strides(self) -> list[StrideEnd]:
         """Strides completed since the last call; before the first of them where it begins."""
+        known = self._joined
         steps, of = self._join()
-        if not len(steps):
+        if self._joined is known or not len(steps):
             return []
         # the last one is complete with the step of the other leg, or with its bout
         begin, last = steps.strides, len(steps) - 1

@@ -12,9 +12,8 @@ and flexion, the angle by which the knee is ahead of that mean, is
     flexion = atan2(up_now . forward, up_now . up),     its rate = -rate . left,
 
 up_now being the third row of nav_R_body. The gait distinguishes left from right: a leg swings forward off the ground in
-less time than it is carried back on it, so the slow rate of flexion is skewed to flexing. Over both walks of real
-thighs (`qmt_fullbody`) its skewness is 0.22, in 5 s of them 0 to 0.44; simulated legs have 0.21 to 0.25. Who walks
-backward is taken to walk forward.
+less time than it is carried back on it, so the slow rate of flexion is skewed to flexing: by 0.22 on real thighs
+(`qmt_fullbody`), in 5 s of them by 0 to 0.44. Who walks backward is taken to walk forward.
 
 Sway. A walker is an inverted pendulum, slowest where he is highest: at the frequency of the steps
 
@@ -25,9 +24,8 @@ that does not swing, at the hip or in a coat. Running has a flight phase, and th
 are left out.
 
 The level force at the frequency of the swing lies in its plane as well. On 24 real thighs (`feet_thighs`) the direction
-that follows from the rate points inward of the force's, on either leg, by 3 to 18 deg, so the mean of both is taken,
-each weighted by how much of its power is along one axis (`qmt_fullbody` alike; in `feet_vicon`, 4 m there and back, it
-is the other way round). While it is walked the axis is that of the rate alone.
+by the rate points inward of the force's, on either leg, by 3 to 18 deg, so the mean of both is taken, each weighted by
+how much of its power is along one axis. While it is walked the axis is that of the rate alone.
 
 The leg that wears the sensor swings forward while its foot is in the air, and is carried back while it stands and the
 other foot swings. So between two turning points of flexion lies one step, with either foot:
@@ -341,8 +339,13 @@ def measure_openings(t: Floats, flexion: Floats, up: Floats, turn: Ints) -> Open
     start, stop = find_inner_spans(flexion, turn)
     sample = np.stack([turn[:-1], start, stop, turn[1:]], axis=1)
     opening = 2.0 * np.arcsin(np.linalg.norm(np.diff(up[turn], axis=0), axis=1) / 2.0)
-    possible = are_step_like(flexion, turn, t[stop] - t[start])
-    return Openings(sample, t[sample], opening, np.diff(flexion[turn]), possible)
+    # those as large, as quick and as upright as of a step
+    swept, took = np.diff(flexion[turn]), t[stop] - t[start]
+    size_deg, middle_deg = np.degrees(np.abs(swept)), np.degrees(flexion[turn[1:]] + flexion[turn[:-1]]) / 2
+    large = (size_deg > MIN_OPENING_DEG) & (size_deg < MAX_OPENING_DEG)
+    quick = (took > MIN_S) & (took < MAX_S)
+    is_step_like = large & quick & (np.abs(middle_deg) < MAX_FLEXED_DEG)
+    return Openings(sample, t[sample], opening, swept, is_step_like)
 
 
 def find_ends(openings: Openings, is_open: bool) -> tuple[Bools, Ints, Ints]:
@@ -462,11 +465,3 @@ def find_inner_spans(flexion: Floats, turn: Ints) -> tuple[Ints, Ints]:
         start[k] = a + np.flatnonzero(done[: middle + 1] < 0.1)[-1]
         stop[k] = a + middle + np.argmax(done[middle:] > 0.9)
     return start, stop
-
-
-def are_step_like(flexion: Floats, turn: Ints, took: Floats) -> Bools:
-    """(S,) True where an opening is as large, as quick and as upright as that of a step."""
-    swept, middle = np.degrees(np.abs(np.diff(flexion[turn]))), np.degrees(flexion[turn[1:]] + flexion[turn[:-1]]) / 2
-    large = (swept > MIN_OPENING_DEG) & (swept < MAX_OPENING_DEG)
-    quick = (took > MIN_S) & (took < MAX_S)
-    return np.asarray(large & quick & (np.abs(middle) < MAX_FLEXED_DEG))

@@ -4,10 +4,9 @@ Start (MD 2.1, Figure 1): level by the mean specific force of the first second, 
 axis given (zero by default, as in MD) or that of the magnetometer over the same second. Motion meanwhile is added to
 the sigma of the tilt.
 
-Compass. A track is right to a few degrees from one minute to the next, but for the turn about up that it starts with,
-and for what a gyroscope loses: at 50 Hz a footfall is faster than its samples, and each leaves part of a degree, to the
-same side while the gait is the same. A compass is right in the mean, and off by tens of degrees beside iron. With mu_k
-the heading of the mean field over block k, in the track,
+Compass. A track is right from one minute to the next, but for the turn about up that it starts with and for what a
+gyroscope loses at footfalls faster than its samples. A compass is right in the mean, and off by tens of degrees beside
+iron. With mu_k the heading of the mean field over block k, in the track,
 
     mu_k = x_k + n_k
 
@@ -88,8 +87,6 @@ class PocketTrack(NamedTuple):
 
 def level_start(recording: Recording, heading: float = 0.0, heading_sigma: float = GAUGE_SIGMA) -> PocketStart:
     """Start level, with a heading of the body's x axis in rad clockwise from north.
-
-    Where the x axis is vertical its heading has no meaning (`fg_nav.frames.level_attitude`).
 
     Raises `EstimationError` if the specific force vanishes.
     """

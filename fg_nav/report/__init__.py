@@ -11,7 +11,4 @@ from typing import Literal, TypeAlias
 Plots: TypeAlias = Literal["none", "png", "html", "all"]
 """Drawings of a result: the page `report.html`, the pictures, both or neither."""
 
-WITH_PAGE: tuple[Plots, ...] = ("html", "all")
-WITH_PICTURES: tuple[Plots, ...] = ("png", "all")
-
 REPORT = "report.html"  # The page in the folder of a result.

@@ -28,7 +28,6 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.evaluation.comparison import Comparison
-from fg_nav.evaluation.metrics import pose_covariance
 from fg_nav.frames import compute_heading
 from fg_nav.magnetic.detectors import DISTURBED, QUASI_STATIC
 from fg_nav.samples.gaps import find_holes
@@ -147,9 +146,7 @@ def line(x: Floats, y: Floats, color: str, name: str, digits: Digits = IN_TIME, 
 
 def signal(t: Floats, value: Floats, color: str, name: str, **more: Any) -> Trace:
     """Return the line of a signal over time; of a long one its envelope."""
-    if len(t) > MAX_POINTS:
-        t, value = envelope(t, value, MAX_POINTS // 2)
-    return line(t, value, color, name, **more)
+    return line(*envelope(t, value, MAX_POINTS // 2), color, name, **more)
 
 
 def dots(x: Floats, y: Floats, color: str, name: str, digits: Digits = IN_TIME, **more: Any) -> Trace:
@@ -159,18 +156,18 @@ def dots(x: Floats, y: Floats, color: str, name: str, digits: Digits = IN_TIME, 
     return {"type": "scatter", "mode": "markers", **points, "marker": mark, "name": name, **more}
 
 
-def band(t: Floats, middle: Floats, half: Floats, color: str, name: str, **more: Any) -> Trace:
+def band(t: Floats, middle: Floats, half: Floats, color: str, name: str) -> Trace:
     """Return the area within `half` (N,) of `middle` (N,), thinned."""
     known = np.flatnonzero(np.isfinite(middle) & np.isfinite(half))
     row = known[spread_rows(len(known), MAX_POINTS // 2)]
     t, low, high = t[row], (middle - half)[row], (middle + half)[row]
     around = np.concatenate([t, t[::-1]]), np.concatenate([low, high[::-1]])
-    return line(*around, color, name, width=0, fill="toself", fillcolor=fade(color, 0.2), hoverinfo="skip", **more)
+    return line(*around, color, name, width=0, fill="toself", fillcolor=fade(color, 0.2), hoverinfo="skip")
 
 
-def level(t: Floats, value: float, color: str, name: str, **more: Any) -> Trace:
+def level(t: Floats, value: float, color: str, name: str) -> Trace:
     """Return a horizontal line over the whole time."""
-    return line(t[[0, -1]], np.array([value, value]), color, name, width=1.2, hoverinfo="skip", **more)
+    return line(t[[0, -1]], np.array([value, value]), color, name, width=1.2, hoverinfo="skip")
 
 
 def fade(color: str, opacity: float) -> str:
@@ -255,7 +252,7 @@ class AlignedSolution:
             return 0.0
         moved = table.position - table.position[:1]
         v = np.column_stack([-moved[:, 1], moved[:, 0], np.zeros(len(table)), np.ones(len(table))])
-        covariance, _ = pose_covariance(table, np.arange(len(table)))
+        covariance = table.position_yaw_cov
         known = np.isfinite(covariance).all(axis=(1, 2))
         if not known.any():
             return 0.0
@@ -364,15 +361,12 @@ def describe_ellipses(view: AlignedSolution) -> str:
 
 @dataclass(frozen=True)
 class Ellipses:
-    """E ellipses: `centre` (E, 2) m, `semi` (E, 2) m minor and major, `angle` (E,) rad of the major axis from east.
+    """E ellipses on a map."""
 
-    `zoom` is a factor that makes the largest visible on a map of the path, 1 where it is anyway.
-    """
-
-    centre: Floats
-    semi: Floats
-    angle: Floats
-    zoom: int
+    centre: Floats  # (E, 2) m
+    semi: Floats  # (E, 2) m, minor and major semi-axes
+    angle: Floats  # (E,) rad, of the major axis from east
+    zoom: int  # factor that makes the largest visible on a map of the path, 1 where it is anyway
 
     def outline(self, points: int, factor: float = 1.0) -> Floats:
         """Closed outlines (E, points, 2) m."""
@@ -388,7 +382,7 @@ def find_extent(points: Floats) -> float:
     return float(np.max(np.ptp(points[:, :2], axis=0)))
 
 
-def find_ellipses(view: AlignedSolution, at_most: int = MAX_ELLIPSES) -> Ellipses | None:
+def find_ellipses(view: AlignedSolution) -> Ellipses | None:
     """Ellipses of footfalls evenly spread along the path, fewer where they are huge; None without a covariance."""
     position = view.stance_position()
     # covariance without the turn that an alignment removes
@@ -400,7 +394,7 @@ def find_ellipses(view: AlignedSolution, at_most: int = MAX_ELLIPSES) -> Ellipse
         return None
     extent_m = find_extent(centre)
     largest_m = ELLIPSE_RADIUS * float(np.sqrt(np.max(np.linalg.eigvalsh(cov[claimed]))))
-    fitting = int(np.clip(4 * extent_m / max(largest_m, 1e-9), 6, at_most))
+    fitting = int(np.clip(4 * extent_m / max(largest_m, 1e-9), 6, MAX_ELLIPSES))
     row = claimed[spread_rows(len(claimed), fitting)]
     variance, direction = np.linalg.eigh(cov[row])
     semi = ELLIPSE_RADIUS * np.sqrt(np.maximum(variance, 0.0))
@@ -526,6 +520,13 @@ def _draw_ellipses(found: Ellipses | None, color: str, k: int, n_methods: int) -
     return traces
 
 
+def group_by_verdict(words: np.ndarray[tuple[int], np.dtype[np.object_]]) -> list[tuple[Bools, str, str]]:
+    """Group footfalls (F,) by the verdict on their field: which, with colour and word."""
+    clear, disturbed = words == QUASI_STATIC, words == DISTURBED
+    rest = ~clear & ~disturbed
+    return [(clear, GREEN, "undisturbed"), (disturbed, VERMILION, "disturbed"), (rest, GRAY, "not judged")]
+
+
 def _draw_footfalls(view: AlignedSolution, name: str, color: str, frame: Frame, alone: bool) -> list[Trace]:
     """Footfalls with labels for the pointer; of a single method coloured by the verdict on the field."""
     table = view.solution.stances
@@ -543,17 +544,12 @@ def _draw_footfalls(view: AlignedSolution, name: str, color: str, frame: Frame, 
     labels = [[k, *values] for k, values in enumerate(zip(*figures, field, strict=True))]
     hover = _HOVER.replace("{x}", frame.x).replace("{y}", frame.y).replace("{name}", "" if alone else name)
     # groups
-    verdict = np.array(table.field, dtype=object)[row]
     groups: list[tuple[Bools, str, str]] = [(np.ones(len(row), dtype=bool), color, name)]
     entry: dict[str, Any] = {} if alone else {"legendgroup": name, "showlegend": False}
     if alone:
-        clear, disturbed = verdict == QUASI_STATIC, verdict == DISTURBED
+        *judged, (rest, _, _) = group_by_verdict(np.array(table.field, dtype=object)[row])
         what = "strides" if name == "pocket" else "footfalls"
-        groups = [
-            (~clear & ~disturbed, BLUE, what),
-            (clear, GREEN, f"{what}, field undisturbed"),
-            (disturbed, VERMILION, f"{what}, field disturbed"),
-        ]
+        groups = [(rest, BLUE, what), *((use, shade, f"{what}, field {word}") for use, shade, word in judged)]
     position, size = view.stance_position()[row], 5 if len(row) < 500 else 4
     traces = []
     for use, mark, label in groups:

@@ -1,21 +1,7 @@
-"""The files of a result: trajectory, strides, summary and configuration; page and pictures stand beside them.
+"""The files of a result (docs/files.md; of two feet docs/two_feet.md): writing, summary, configuration.
 
-`save_solution` and `plot_solution` are `Solution.save` and `Solution.plot`.
-
-==================== =======================================================================================
-trajectory.tum       t x y z qx qy qz qw at the recording's rate, nav frame, quaternion of nav_R_body
-strides.csv          one row a stance: `fg_nav.solution.STRIDE_COLUMNS`
-online.csv           the same as estimated at the moment of each footfall, from an online method
-*_polished.*         trajectory.tum and strides.csv of the batch solution of the same walk, on request
-summary.json         the figures of merit: `SUMMARY_KEYS`, and with a truth `TRUTH_KEYS`; null where unknown
-config.json          method, recording and all parameters in effect
-comparison.csv/json  the summaries of several methods, one row each
-report.html          the page (`fg_nav.report.page`)
-==================== =======================================================================================
-
-Of a sensor on each foot `*_left.*` and `*_right.*` are those of each foot, and the others the person's, with
-`person.csv` for `strides.csv`; `summary.json` and `config.json` have each foot's as `left` and `right`. A missing foot
-has no files, and its part of the summary is null. Stamps are those of the first recording's clock.
+`save_solution` and `plot_solution` are `Solution.save` and `Solution.plot`. Of a sensor on each foot a missing foot has
+no files, and its part of the summary is null. Stamps are those of the first recording's clock.
 """
 
 from __future__ import annotations
@@ -35,7 +21,7 @@ from fg_nav.io import write_tum
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.magnetic.detectors import NO_GATE, QUASI_STATIC, UNKNOWN, find_gate
 from fg_nav.pipeline import Result
-from fg_nav.report import WITH_PAGE, WITH_PICTURES, Plots
+from fg_nav.report import Plots
 from fg_nav.report.folder import result_folder
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.text import find_version, to_json
@@ -46,17 +32,12 @@ if TYPE_CHECKING:
     from fg_nav.both_feet import FeetResult
     from fg_nav.walk import Walk
 
-Summary: TypeAlias = dict[str, object]  # Figures of merit by `SUMMARY_KEYS`, ready for JSON.
+Summary: TypeAlias = dict[str, object]  # Figures of merit, ready for JSON; None where unknown.
 
-SUMMARY_KEYS = (
-    "method", "duration_s", "distance_m", "strides", "closure_m", "closure_percent", "runtime_s",
-    "realtime_factor", "end_m", "end_sigma_m", "verdict", "reasons",
-)  # fmt: skip
 _STRUCTURED = ("magnetometer_delay", "located")  # Of the summary, no figures, nor are lists and dictionaries.
 
 TRUTH_KEYS = ("rmse_2d_m", "rmse_3d_m", "end_error_m", "max_error_m", "heading_rmse_deg", "alignment")
 _MORE_TRUTH_KEYS = ("scale", "points", "strides_true")
-MOMENT_KEYS = ("moment_rmse_2d_m", "moment_end_error_m", "moment_max_error_m")
 POLISHED_KEYS = ("distance_m", "closure_m", "closure_percent", "rmse_2d_m", "rmse_3d_m", "end_error_m", "max_error_m",
     "heading_rmse_deg")  # fmt: skip
 """Of the batch solution next to an online one, each as `polished_` and its name, the errors with a truth only."""
@@ -65,7 +46,6 @@ FOOT_KEYS = (
     *TRUTH_KEYS, "scale", "verdict", "reasons", "returns", "magnetometer", "magnetometer_delay", "notes",
 )  # fmt: skip
 """Of each of two feet; the other keys are the same as the person's."""
-GAP_KEYS = ("polish_gap_rms_m", "polish_gap_max_m", "polish_gap_heading_deg")
 
 _GIVEN = (
     "preset", "gate", "magnetic", "use_magnetometer", "mag_axes", "calibration_path", "places_path", "alignment",
@@ -148,11 +128,11 @@ def _write_drawings(
     both: FeetResult | None = None,
 ) -> None:
     """Write the page of one or more methods, or of both feet, and the pictures where the samples are there."""
-    if plots in WITH_PAGE:
+    if plots in ("html", "all"):
         from fg_nav.report.page import compose_page, write_page
 
         write_page(folder, compose_page(outcomes, summaries, configs, walks, both))
-    if plots in WITH_PICTURES and walks:
+    if plots in ("png", "all") and walks:
         from fg_nav.report.plots.style import draw_walk
 
         draw_walk(folder, next(iter(walks.values())), outcomes, both)
@@ -259,7 +239,7 @@ def is_of_feet(solution: Solution) -> TypeGuard[FeetResult]:
 
 
 def summarize(walk: Walk, outcome: Outcome) -> Summary:
-    """Figures of merit, in the order of the contract; None where unknown."""
+    """Figures of merit of one method on a walk."""
     solution, metrics = outcome.solution, outcome.metrics
     figures = _describe_path(solution, metrics, walk.recording.duration_s)
     if solution.distance_sigma_m is not None:
@@ -269,13 +249,15 @@ def summarize(walk: Walk, outcome: Outcome) -> Summary:
     if outcome.comparison is not None:
         figures |= {key: getattr(metrics, key) for key in (*TRUTH_KEYS, *_MORE_TRUTH_KEYS)}
     if outcome.moment is not None:
-        at_moment = (outcome.moment.rmse_m, outcome.moment.end_m, outcome.moment.max_m)
-        figures |= dict(zip(MOMENT_KEYS, at_moment, strict=True))
+        figures["moment_rmse_2d_m"] = outcome.moment.rmse_m
+        figures["moment_end_error_m"] = outcome.moment.end_m
+        figures["moment_max_error_m"] = outcome.moment.max_m
     if outcome.polished is not None:
         known = {f"polished_{key}": getattr(outcome.polished.metrics, key) for key in POLISHED_KEYS}
         figures |= {key: value for key, value in known.items() if value is not None}
         gap = measure_gap(solution, outcome.polished.solution)
-        figures |= dict(zip(GAP_KEYS, (gap.rms_m, gap.max_m, gap.heading_deg), strict=True))
+        figures["polish_gap_rms_m"], figures["polish_gap_max_m"] = gap.rms_m, gap.max_m
+        figures["polish_gap_heading_deg"] = gap.heading_deg
     verdict = judge_path(walk, solution)
     figures |= {"verdict": verdict.word, "reasons": list(verdict.reasons)}
     if solution.returns:
@@ -290,7 +272,9 @@ def summarize(walk: Walk, outcome: Outcome) -> Summary:
     elif walk.recording.mag is not None or not walk.options.use_magnetometer:
         field = "not used"
     figures["magnetometer"] = field
-    figures["magnetometer_delay"] = describe_delay(walk)
+    # delay, and whether it was corrected; None if it could not be observed
+    delay = None if walk.magnetometer is None else walk.magnetometer.delay
+    figures["magnetometer_delay"] = None if delay is None else {**asdict(delay), "taken_off": delay.taken_off}
     return figures | {"notes": [*collect_remarks(walk), *solution.notes, *metrics.notes]}
 
 
@@ -348,12 +332,6 @@ def _describe_path(solution: Solution, metrics: Metrics, duration_s: float) -> S
         "end_m": to_json(table.position[-1] - table.position[0]),
         "end_sigma_m": to_json(table.position_sigma[-1]),
     }
-
-
-def describe_delay(walk: Walk) -> dict[str, object] | None:
-    """Magnetometer delay, and whether it was corrected; None if it could not be observed."""
-    delay = None if walk.magnetometer is None else walk.magnetometer.delay
-    return None if delay is None else {**asdict(delay), "taken_off": delay.taken_off}
 
 
 def collect_remarks(walk: Walk) -> list[str]:

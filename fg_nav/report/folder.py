@@ -211,7 +211,8 @@ def result_files(out: Sequence[Path], ours: Callable[[Path], bool], force: bool 
     """Yield paths to write to; at the end of the block these files take the places of `out`, all in one folder.
 
     With `force` existing files are replaced, if by `ours` they are older results. Raises `OutputError` if one exists
-    and `force` is not set, is something else, or cannot be written; then none of them takes its place.
+    and `force` is not set, or is something else: then none of them takes its place. Where the disk fails while they are
+    moved, those moved before stay.
     """
     for file in out:
         check_file_free(file, ours, force)

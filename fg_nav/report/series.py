@@ -1,8 +1,4 @@
-"""Charts over time, or along the path.
-
-height, sigmas, gyroscope bias, heading and its error, position error; the compass against the gyroscope and the
-strength of the field at the footfalls; the stances over specific force, rate and the detector's statistic. Of the graph
-the factors by kind, weight of each footfall's compass, gyro bias, and iSAM2 against the batch.
+"""Charts over time, or along the path: of methods, of the field at the footfalls, of samples, graph and returns.
 
 Headings are of the body's x axis, rad clockwise from north. Turns are counted from stance to stance: in a swing the
 axis may point anywhere, even up.
@@ -19,7 +15,6 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection.stance import Stances
 from fg_nav.frames import compute_heading, wrap_angle
-from fg_nav.magnetic.detectors import DISTURBED, QUASI_STATIC
 from fg_nav.magnetic.footfall_field import FootfallField
 from fg_nav.recording import Recording
 from fg_nav.report.charts import (
@@ -44,6 +39,7 @@ from fg_nav.report.charts import (
     dots,
     draw_path,
     fade,
+    group_by_verdict,
     has_sure_start,
     level,
     line,
@@ -98,26 +94,15 @@ def _at_stances(t: Floats, value: Floats, color: str, name: str) -> Trace:
 
 @dataclass(frozen=True)
 class Headings:
-    """The headings of a solution of N samples and K stances.
+    """The headings, rad, of a solution of N samples and K stances."""
 
-    ========== ==== =====================================================================================
-    at_stances (K,) rad, turns counted
-    between    (N,) rad, within half a turn of the line through `at_stances`; NaN where the axis is steep
-    truth      (N,) rad, likewise; NaN where unknown
-    error      (K,) rad at the stances, wrapped, since the first known one where `gauge`; NaN where unknown
-    sigma      (K,) rad, the estimator's own, without the turn that an alignment removes
-    gauge           whether the heading at the start is sure: given, or zero by definition
-    wrapped         whether it turns too often to be shown with its turns
-    ========== ==== =====================================================================================
-    """
-
-    at_stances: Floats
-    between: Floats
-    truth: Floats
-    error: Floats
-    sigma: Floats
-    gauge: bool
-    wrapped: bool
+    at_stances: Floats  # (K,), turns counted
+    between: Floats  # (N,), within half a turn of the line through `at_stances`; NaN where the axis is steep
+    truth: Floats  # (N,), likewise; NaN where unknown
+    error: Floats  # (K,), wrapped, since the first known one where `gauge`; NaN where unknown
+    sigma: Floats  # (K,), the estimator's own, without the turn that an alignment removes
+    gauge: bool  # whether the heading at the start is sure: given, or zero by definition
+    wrapped: bool  # whether it turns too often to be shown with its turns
 
 
 def trace_headings(view: AlignedSolution) -> Headings:
@@ -241,6 +226,7 @@ def draw_headings(views: Views) -> Chart:
     below: list[Trace] = []
     traced = {name: trace_headings(view) for name, view in views.items()}
     for name, color, view in _colored(views):
+        # above: the truth once, the samples of a single method, and the footfalls
         found, t, at = traced[name], view.solution.t, view.solution.stances.t
         mark: dict[str, Any] = {"mode": "lines+markers" if len(at) <= _FEW else "lines", "marker": {"size": 4}}
         lines: list[tuple[Floats, Floats, str, str, dict[str, Any]]] = []
@@ -258,6 +244,7 @@ def draw_headings(views: Views) -> Chart:
                     jump = np.flatnonzero(np.abs(np.diff(y)) > 180.0) + 1
                     x, y = np.insert(x, jump, x[jump]), np.insert(y, jump, np.nan)
                 above.append(line(x, y, shade, label, (3, 2), **more))
+        # below: the claimed band, and the error where it is known
         half = BAND * np.rad2deg(found.sigma)
         below.append(band(at, np.zeros(len(at)), half, color, _label(name, "95 %", views)))
         if np.isfinite(found.error).any():
@@ -274,23 +261,18 @@ def draw_headings(views: Views) -> Chart:
 # --- of the field at the footfalls -----------------------------------------------------------------------------------
 
 
-def group_by_verdict(field: FootfallField, table: StanceTable) -> list[tuple[Bools, str, str]]:
-    """Footfalls (F,) by the verdict in the table of a solution, with colour and word."""
+def group_field(field: FootfallField, table: StanceTable) -> list[tuple[Bools, str, str]]:
+    """Group the footfalls (F,) of a field by the verdict in the table of a solution, as `group_by_verdict`."""
     nearest = np.clip(np.searchsorted(table.t, field.t - 1e-6), 0, max(len(table) - 1, 0))
     words = np.array(table.field, dtype=object)[nearest] if len(table) else np.full(len(field), "", dtype=object)
-    clear, disturbed = words == QUASI_STATIC, words == DISTURBED
-    return [
-        (clear, GREEN, "undisturbed"),
-        (disturbed, VERMILION, "disturbed"),
-        (~clear & ~disturbed, GRAY, "not judged"),
-    ]
+    return group_by_verdict(words)
 
 
 def _group_drawn(field: FootfallField, table: StanceTable) -> list[tuple[Bools, str, str]]:
     """Groups of the drawn footfalls, without empty ones."""
     drawn = np.zeros(len(field), dtype=bool)
     drawn[spread_rows(len(field.t), MAX_DOTS)] = True
-    groups = group_by_verdict(field, table)
+    groups = group_field(field, table)
     return [(flag & drawn, color, word) for flag, color, word in groups if (flag & drawn).any()]
 
 
@@ -430,11 +412,10 @@ def _draw_weights(table: StanceTable, weight: Floats) -> Chart:
     travelled = measure_travelled(table.t, table)
     panels, statistic = [], table.field_statistic
     if statistic is not None and np.isfinite(statistic).any():
-        words = np.array(table.field, dtype=object)
-        groups = [(words == QUASI_STATIC, GREEN, "passed"), (words == DISTURBED, VERMILION, "disturbed")]
+        passed, disturbed, _ = group_by_verdict(np.array(table.field, dtype=object))
         traces = [
             _along_path(dots, travelled[use], statistic[use], color, f"statistic, {word}")
-            for use, color, word in groups
+            for (use, color, _), word in ((passed, "passed"), (disturbed, "disturbed"))
             if use.any()
         ]
         limit = level(travelled, 1.0, GRAY, "threshold")

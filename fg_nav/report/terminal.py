@@ -114,7 +114,11 @@ def print_results(summaries: Sequence[Mapping[str, object]], place: Path) -> Non
     out = console()
     several = len(summaries) > 1
     if several:
-        out.print(result_table(summaries))
+        # a column a method, a row a figure that at least one of them has
+        table = ruled_table("", *(str(summary["method"]) for summary in summaries))
+        for words, cells in tabulate_figures(summaries):
+            table.add_row(words, *(cell.text for cell in cells))
+        out.print(table)
     for summary in summaries:
         reasons = "; ".join(cast("list[str]", summary["reasons"]))
         who = f" ({summary['method']})" if several else ""
@@ -163,14 +167,6 @@ def describe_place(place: Path, remarks: int = 0) -> str:
     """Return the place of the page of a result, or of its files where there is no page."""
     more = f" ({format_count(remarks, 'remark')} in it)" if remarks else ""
     return f"report: {place / REPORT}{more}" if (place / REPORT).exists() else f"files: {place}"
-
-
-def result_table(summaries: Sequence[Mapping[str, object]]) -> Table:
-    """One column a method, one row a figure that at least one of them has."""
-    table = ruled_table("", *(str(summary["method"]) for summary in summaries))
-    for words, cells in tabulate_figures(summaries):
-        table.add_row(words, *(cell.text for cell in cells))
-    return table
 
 
 def listing(rows: Sequence[tuple[str, str]]) -> Table | Text:

@@ -1,20 +1,15 @@
 """What a source sends again, loses, or does not send.
 
-Again. A source that a resumed walk follows goes on in one of two ways, and its first `HEAD` rows show which:
+Again. A source that a resumed walk follows either begins again, or somewhat earlier (a file, a logger's buffer), or
+goes on from a later moment (a socket, a device). Its first `HEAD` rows show which: `MIN_KNOWN` of them are those of the
+record, by value, or not. Where it begins again all is left out up to the last `TAIL` rows of the record, and rows from
+a gap of it, lost before, are too late. If those last rows never come, `LOST` rows that the record does not hold, and
+that are not from the gap behind the last one that it holds, are taken for new; at the end as many as there are.
 
-* It begins again, or somewhat earlier: a file, a logger's buffer. `MIN_KNOWN` of these rows are among those of the
-  record, with their stamp and all that was measured. Then all is left out up to the last `TAIL` rows of the record.
-* It goes on from a later moment: a socket, a device. Then nothing is left out.
-
-Rows are compared by value. Those from a gap of the record, lost before, are too late, and left out. If the last rows of
-the record never come, `LOST` rows that it does not hold, and that are not from the gap behind the last one that it
-holds, are taken for new; at the end of the stream as many as there are.
-
-Lost. Samples that were lost on the way are counted by the stamps of those that came. A sensor samples evenly: within a
-window of `WINDOW` rows the median step between stamps is its period T, and a step of k T, k = 2, 3, ..., lacks k - 1
-samples. Longer steps than `MAX_STEP_S` are gaps, which are remarked by themselves. Of stamps that jitter only steps of
-more than `GAP_PERIODS` periods are counted. If T is another in `IN_A_ROW` windows, the sensor's rate has changed, which
-is remarked. What this machine had no room for is counted by the system (`live.Datagrams`), as datagrams.
+Lost. A sensor samples evenly: within a window of `WINDOW` rows the median step between stamps is its period T, and a
+step of k T, k = 2, 3, ..., lacks k - 1 samples; of stamps that jitter, one of more than `GAP_PERIODS` periods. Longer
+steps than `MAX_STEP_S` are gaps, which are remarked by themselves. If T is another in `IN_A_ROW` windows, the sensor's
+rate has changed, which is remarked. What this machine had no room for is counted by the system (`live.Datagrams`).
 """
 
 from __future__ import annotations
@@ -92,10 +87,14 @@ class Overlap:
         edges = np.concatenate([[-1], np.flatnonzero(~is_new), [len(rows)]])
         long = np.flatnonzero(np.diff(edges) > LOST)
         stop, self.is_over = int(edges[long[0]] if len(long) else edges[-2]) + 1, len(long) > 0
-        # where the last rows of the record end
-        tail = self._find_tail_end(rows)
-        if tail is not None and not (self.is_over and stop + LOST <= tail):
-            stop, self.is_over = tail, True
+        # where the last rows of the record end, as far as they came
+        came, first = _fill_missing(np.concatenate([self._before, rows])), len(self._before)
+        for last_row in np.flatnonzero((came[first:] == self._tail[-1]).all(axis=1)).tolist():
+            seen = came[max(0, first + last_row + 1 - len(self._tail)) : first + last_row + 1]
+            if np.array_equal(seen, self._tail[-len(seen) :]):
+                if not (self.is_over and stop + LOST <= last_row + 1):
+                    stop, self.is_over = last_row + 1, True
+                break
         self.is_over = self.is_over or at_end
         self.left_out += stop
         if self.is_over:
@@ -103,16 +102,6 @@ class Overlap:
         self._last = int(last[stop - 1]) if stop else self._last
         self._held, self._before = rows[stop:], np.concatenate([self._before, rows[:stop]])[1 - TAIL :]
         return rows[:0]
-
-    def _find_tail_end(self, rows: Floats) -> int | None:
-        """Return the index of the row behind the last ones of the record, as far as they came; None without."""
-        came = _fill_missing(np.concatenate([self._before, rows]))
-        first = len(self._before)
-        for last in np.flatnonzero((came[first:] == self._tail[-1]).all(axis=1)).tolist():
-            seen = came[max(0, first + last + 1 - len(self._tail)) : first + last + 1]
-            if np.array_equal(seen, self._tail[-len(seen) :]):
-                return int(last) + 1
-        return None
 
     def _find_numbers(self, rows: Floats) -> Ints:
         """Return the number (n,) of each row in the record, `UNKNOWN` if it is not in it."""

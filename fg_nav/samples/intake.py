@@ -17,12 +17,9 @@ mag   no field on Earth, and `ANOTHER` times stronger or weaker than that of the
 Odd rows wait, and what follows them, until few enough of these are odd: a gap, an impact, a wrong sample. They are in
 another unit if for `HELD_S` more than a part of `SHARES` of them is odd. At the beginning that is refused: stamps show
 their unit in the first rows, force in the first second, rate in the first strides, force and field by their medians
-over `CHECKED` samples. Midway, where a sensor restarts as another program set it up, rows are left out until a second
-of them is that of walking in the right units. A gyroscope that hardly turns while its wearer walks is found in windows,
-and remarked. Of another field the field alone is left out, at once, so that none of it is compared with what was
-before: the strength of the walk's field is the median of those of its newest windows, each the median of `WINDOW` rows,
-if that is one on Earth. Units are a factor of ten or more apart, and iron beside the way is seldom as strong, and not
-there for long.
+over `CHECKED` samples. Midway rows are left out until a second of them is that of walking in the right units. A
+gyroscope that hardly turns while its wearer walks is found in windows, and remarked. Of another field the field alone
+is left out, at once: the strength of the walk's field is the median of those of its newest windows.
 
 Samples:
 
@@ -42,12 +39,9 @@ more than `MAX_CLOCK_STEP_S`      a clock that was set: a gap of `UNKNOWN_GAP_S`
 
 Each kind is counted, and remarked once; a change of units or stamps is remarked each time, and noted.
 
-Most samples pass at once. One at which a run of bad ones may begin, far from the one before, is held until `LOOK_AHEAD`
-more are there: 55 ms at 200 Hz, in which a shoe that strikes is on its way to a footfall.
-
-Between the rows before a walk was interrupted and those after nobody knows how long the sensor was off: a clock that
-restarted there (`resume`) is never taken to go on with nothing missing. A clock that restarted and has already passed
-the last stamp looks like a gap, and is taken for one.
+A sample at which a run of bad ones may begin, far from the one before, is held until `LOOK_AHEAD` more are there. How
+long a sensor was off while a walk was interrupted nobody knows: a clock that restarted there (`resume`) is never taken
+to go on with nothing missing. A clock that restarted and has passed the last stamp already is taken for a gap.
 """
 
 from __future__ import annotations
@@ -336,7 +330,9 @@ class UnitMonitor:
                 self._held = rows[begin:]
                 break
             if self._is_wrong:
-                self._find_return(rows[begin:stop], share[-1])
+                if (share[-1] <= SHARES.min()).all() and _judge_walking(rows[begin:stop]) == "right":
+                    self._is_wrong = False
+                    self._note(f"from t = {rows[begin, 0]:.3f} s on units are as before, and rows taken again")
             elif not is_passing and len(piece) >= HELD:
                 before = float(t[begin - 1]) if begin else self._last
                 self._find_change(rows[begin:stop], share[-1] > SHARES, before)
@@ -374,12 +370,6 @@ class UnitMonitor:
             raise RecordingError(f"{problem} (t = {rows[0, 0]:.3f} to {rows[-1, 0]:.3f} s): {WHAT_TO_DO}.")
         self._note(f"{problem}: rows after t = {before:.3f} s are left out, until this is over")
         self._is_wrong = True
-
-    def _find_return(self, rows: Floats, share: Floats) -> None:
-        """Note that rows are right again, of which this share (3,) is odd."""
-        if (share <= SHARES.min()).all() and _judge_walking(rows) == "right":
-            self._is_wrong = False
-            self._note(f"from t = {rows[0, 0]:.3f} s on units are as before, and rows taken again")
 
     def _check_accepted(self, rows: Floats) -> Floats:
         """Return accepted rows; refuse them where they show another unit in the long run."""

@@ -67,15 +67,11 @@ _SAME_FIELD = 1.6  # times stronger or weaker is the field in another unit than 
 
 @dataclass(frozen=True)
 class GravityTransport:
-    """How well gravity turns in the body at the rate of the gyroscope.
+    """How well gravity turns in the body at the rate of the gyroscope."""
 
-    `gain` is k in da/dt = -k w x a, `correlation` that of both sides, `n_windows` how many stretches in which
-    gravity turns it rests on.
-    """
-
-    gain: float
-    correlation: float
-    n_windows: int
+    gain: float  # k in da/dt = -k w x a.
+    correlation: float  # Of both sides.
+    n_windows: int  # Stretches in which gravity turns.
 
     @property
     def is_telling(self) -> bool:
@@ -409,10 +405,8 @@ def _usable(*vectors: Floats, limit: float = 1e5) -> tuple[Floats, ...]:
 
 
 def find_usable_samples(t: Floats, acc: Floats, gyr: Floats) -> Bools:
-    """(N,) True where stamp, acc and gyr are finite and within what any sensor can read.
-
-    A specific force of exactly zero on all axes is a logger's way to say that there was no sample.
-    """
+    """(N,) True where stamp, acc and gyr are finite and within what any sensor can read."""
+    # A specific force of exactly zero on all axes is a logger's way to say that there was no sample.
     is_known = acc.any(axis=1) & (np.abs(t) < _END_OF_TIME)
     return np.asarray(is_known & find_squarable(acc, LIMIT_M_S2) & find_squarable(gyr, LIMIT_RAD_S))
 

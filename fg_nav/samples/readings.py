@@ -1,62 +1,45 @@
 """Readings that are not those of the motion: bad samples, and peaks cut at the end of a sensor's range and rebuilt.
 
-Bad samples. A bit that flips, a byte that is lost, a connector that shakes: a sample or a few stand far off, and those
-around go on as if nothing had been. One sample of 30 rad/s at 200 Hz turns all that follows by 8 deg.
-
-A run of `LONGEST` samples or fewer leaves and returns where its first and its last one are both off by more than the
-samples around allow. Off: the least of what it differs by from the sample next to the run, from the line between the
-two next to it, and from the curve of third order through the four next to it. How well one can foresee a motion shows
-on either side of the run: with c the largest second difference, x_j - (x_j-1 + x_j+1) / 2, of gyroscope or
-accelerometer among the `AROUND` samples before and as many behind, what they allow is
+Bad samples. A sample or a few stand far off, and those around go on as if nothing had been. A run of `LONGEST` samples
+or fewer leaves and returns where its first and its last one are both off by more than the samples around allow. Off:
+the least of what it differs by from the sample next to the run, from the line between the two next to it, and from the
+curve of third order through the four next to it. With c the largest second difference, x_j - (x_j-1 + x_j+1) / 2, of
+gyroscope or accelerometer among the `AROUND` samples before and as many behind, they allow
 
     gyroscope        f (1 rad/s + 2 c_gyr + c_acc 0.1 rad/s / (m/s^2))
     accelerometer    f (20 m/s^2 + 6 c_acc)
     magnetometer     f (20 uT + 6 c_mag), among its own samples
 
-since a shoe that is struck turns, which its accelerometer shows: at the very sample too, so where the forces of a run
-are good they count in the c_acc of its rates. With a sample every T s f = 2.2 sqrt(T / 5 ms), and no less than 2.2;
-where samples are missing it is larger by the square of how much longer the run with its neighbors lasts. No sample of
-80 real recordings, of feet, legs, hands, head and hip at 60 to 400 Hz, is found, nor with every second or fourth sample
-alone. In four of them the first would be where f is lowered to 0.6 or 0.5 of that, in all others at less
-(`scripts/sample_faults.py clean`).
+since a shoe that is struck turns: where the forces of a run are good they count in the c_acc of its rates. With a
+sample every T s f = 2.2 sqrt(T / 5 ms), and no less than 2.2; where samples are missing it is larger by the square of
+how much longer the run with its neighbors lasts, and at either end, where one side alone shows how shaken the motion
+is, three times as large. No sample of 80 real recordings is found, and in all but four none with half of that f
+(`scripts/sample_faults.py clean`). A run is sought from the first sample on, each next to good ones: a stream finds the
+same `LOOK_AHEAD` samples later.
 
-At the very beginning, where only one side shows how shaken the motion is, and for the last two samples, f is three
-times as large. A run is sought from the first sample on, each next to good ones: a stream finds the same `LOOK_AHEAD`
-samples later.
-
-Clipping. A sensor at the end of its range cuts the tops of its peaks. When that comes before calibration or filtering,
-the flat top is not quite constant: the other axes leak in through the calibration, and a low-pass bends its corners.
-So:
+Clipping. A sensor at the end of its range cuts the tops of its peaks, of which calibration or filtering behind it
+leaves a top that is not quite constant:
 
 * flat: neighboring samples near the extreme of an axis whose steps stay below a small share of the extreme;
-* cut: within a few samples on either side, the steps are many times larger. On a parabola, the top of any
-smooth peak, steps grow linearly from the middle: next to n steps below a bound, the j-th step outside is
-below (n + 2 j) / n times the bound. A larger one is a corner;
-* recurring: a range ends at the same level every time. One long flat top counts on its own, and so does
-one of many peaks that pile up just below the extreme, where those of a natural motion thin out.
-
-Where a signal is printed in steps coarser than what is flat, the extreme itself is counted.
+* cut: within a few samples on either side, the steps are many times larger. On a parabola, next to n steps below a
+  bound, the j-th step outside is below (n + 2 j) / n times the bound. A larger one is a corner;
+* recurring: a range ends at the same level every time. One long flat top counts on its own, and so does one of many
+  peaks that pile up just below the extreme, where those of a natural motion thin out.
 
 Every sample at or above the lowest of the levels so found counts as clipped.
 
-The peaks are rebuilt from their flanks, which show how steeply a peak was entered and left. Where the clipping comes
-before a low-pass, the corners of the top are bent: the steps next to a run are too small, and cut samples next to it do
-not reach the level. So a flank is the line through the steepest of the `FLANK_STEPS` steps next to the run, and
-the peak reaches from where the line on one side meets the level to where that on the other does, T long. A parabola on
-T with the slope s at its ends, the mean of the two, is s T / 4 high; if s was found at a distance d outside, where a
-parabola is steeper, its height is H = s T / 4 * T / (T + 2 d), d less one step for flanks that bend the other way. A
-sensor's range L is not chosen for motions of a multiple of it, so of H there is taken
+The peaks are rebuilt from their flanks. A low-pass behind the clipping bends the corners, so a flank is the line
+through the steepest of the `FLANK_STEPS` steps next to the run, and the peak reaches from where the line on one side
+meets the level to where that on the other does, T long. A parabola on T with the slope s at its ends, the mean of the
+two, is s T / 4 high; if s was found at a distance d outside, where a parabola is steeper, its height is
+H = s T / 4 * T / (T + 2 d), d less one step for flanks that bend the other way. A sensor's range L is not chosen for
+motions of a multiple of it, so of H there is taken
 
     H / (1 + H / (`MAX_RANGES` L)),
 
-and of its area, two thirds of height times T: never less than what was read.
-
-What is rebuilt is off by `OFF_SHARE` of the parabola with d = 0, one sigma, and that is one error for the whole run: a
-peak that was higher was so in all its samples. A simulated foot's peak cut at 95 per cent hides 4 deg, rms, and rebuilt
-it is off by 1.1; at 85 per cent 5.6 and 2.4, at 70 per cent 10 and 3.4, at 50 per cent 21 and 6.4;
-`scripts/sample_errors.py peaks` prints what is left over its sigma.
-
-Runs of more than `MAX_S`, and those without flanks, are left as they are, and may hide as much as they show.
+and of its area, two thirds of height times T: never less than what was read. What is rebuilt is off by `OFF_SHARE` of
+the parabola with d = 0, one sigma, and that is one error for the whole run (`scripts/sample_errors.py peaks`). Runs of
+more than `MAX_S`, and those without flanks, are left as they are, and may hide as much as they show.
 """
 
 from __future__ import annotations
@@ -295,16 +278,9 @@ def _interpolate(near2: float, near: float, far: float, far2: float, width: floa
 
 
 def find_saturated(samples: Floats, levels: Floats | None = None) -> Bools:
-    """Find the clipped samples: those at the end of an axis's range.
+    """Find where samples (N, 3) of one sensor, evenly sampled, are clipped: at either end of an axis's range.
 
-    Parameters
-    ----------
-    samples : (N, 3) of one sensor, evenly sampled, any unit.
-    levels : (2, 3) from which on it is clipped, where known; None to find them (`find_clipping_levels`).
-
-    Returns
-    -------
-    (N, 3) True where an axis is clipped, at either end of its range.
+    `levels` (2, 3) from which on they are, where known; None to find them (`find_clipping_levels`).
     """
     upper, lower = find_clipping_levels(samples) if levels is None else levels
     return np.asarray((samples >= upper) | (samples <= -lower))

@@ -1,33 +1,17 @@
 """The stamps of a file: put in order, and evened out where the logger stamped samples on arrival.
 
-A file is judged as a whole, so less is lost than in a stream, and nothing of unknown length is assumed:
-
-=============================================== =======================================================================
-samples with one stamp, all the same            the later ones are repeats, and left out
-... that differ, with time for them before      polled at once: spread over the time since the stamp before
-... that differ, without                        the later ones are left out
-some stamps far ahead, the next ones in line    left out
-stamps before the last one, and then beyond it  came late: sorted, or left out where there is no time for them
-stamps before the last one, and on from there   the clock began again: set on by one period where force and rate go on
-                                                without a jump, so that nothing is lost; else the recording ends there
-a gap of more than `MAX_BRIDGED_S`              the recording ends there, if no longer one is allowed
-=============================================== =======================================================================
-
-Of the parts that an end leaves, the longest is taken, with a remark that says what was left out. A shorter gap is
-bridged as in a stream: what lies in it has the spread of a walking foot (`fg_nav.samples.gaps`), and the sigmas behind
-it are larger. With more than `MAX_BACKWARD` steps backward the column is no clock.
+A file is judged as a whole, so less is lost than in a stream, and nothing of unknown length is assumed. What becomes of
+each fault of its stamps: `docs/formats.md`. Of the parts that an end leaves, the longest is taken, with a remark.
 
 Jitter. A sensor samples evenly by its own clock; sample i is the n_i-th tick, stamped when it arrived:
 
     t_i = s(n_i) + d_i,    s(n) = s_0 + T n + slow drift,    n_i - n_(i-1) = 1 + dropped samples
 
-with a transport delay d_i that is small on the whole, may be large for a burst, and does not accumulate. Since a stamp
-is late but never early, the earliest of the next stamps, each taken back by its number of ticks, bounds the true time
-of a sample from above. Where that bound jumps by whole ticks, samples were dropped; where it jumps otherwise, the clock
-was restarted. Drift is followed by medians over a few seconds.
-
-Not every uneven stamp is late: a sensor may sample unevenly. Then the deviations from even ticks wander instead of
-staying put, and the stamps are returned as they are.
+with a transport delay d_i >= 0 that is small on the whole, may be large for a burst, and does not accumulate. The
+earliest of the next stamps, each taken back by its number of ticks, bounds the true time of a sample from above. Where
+that bound jumps by whole ticks, samples were dropped; where it jumps otherwise, the clock was restarted. Drift is
+followed by medians over a few seconds. Where the deviations from even ticks wander instead of staying put, the sensor
+itself was uneven, and the stamps are returned as they are.
 """
 
 from __future__ import annotations
@@ -62,28 +46,18 @@ MIN_CLOCKED = 50  # Samples; fewer show no clock.
 
 
 class Ordered(NamedTuple):
-    """Samples `kept` (M,) of a file in order of time, their stamps `t` (M,) s, strictly rising, and what was done.
+    """Samples of a file in order of time, and what was done."""
 
-    So many samples are `cut` off, in parts that are not used.
-    """
-
-    kept: Ints
-    t: Floats
+    kept: Ints  # (M,) samples.
+    t: Floats  # (M,) s, their stamps, strictly rising.
     remarks: tuple[str, ...]
-    cut: int = 0
+    cut: int = 0  # Samples in parts that are not used.
 
 
 def order_stamps(t: Floats, samples: Floats, row: Ints, longest_gap_s: float = MAX_BRIDGED_S) -> Ordered:
-    """Put the samples of a file in order of time.
+    """Put the samples of a file in order of time; raises `RecordingError` where the stamps are no clock.
 
-    Parameters
-    ----------
-    t : (N,) s, finite, as in the file.
-    samples : (N, 6) force and rate, finite.
-    row : (N,) of each sample in its file, for the remarks.
-    longest_gap_s : the recording ends at a longer one.
-
-    Raises `RecordingError` where the stamps are no clock.
+    `t` (N,) s as in the file, force and rate `samples` (N, 6), all finite, and the `row` (N,) of each, for the remarks.
     """
     # mean step, of those that are neither backward nor gaps, so that polled samples count; what is no gap follows from
     # the step that is usual where the time goes, of which stamps that all but coincide take none
@@ -129,16 +103,21 @@ def _follow_clock(t: Floats, samples: Floats, row: Ints, period: float) -> tuple
     t, keep, late = t.copy(), np.ones(len(t), dtype=np.bool_), np.zeros(len(t), dtype=np.bool_)
     begins, remarks = [0], []
     for at in backward.tolist():
+        # wrong stamps, far ahead of this one
+        wrong = next((i for i in range(at - 1, max(at - 1 - MAX_AHEAD, 0), -1) if t[i - 1] < t[at]), at)
+        if t[wrong] - t[wrong - 1] > JUMP_S:
+            keep[wrong:at] = False
         since = slice(begins[-1], at)
-        wrong = _find_ahead(t, at)
-        keep[wrong:at] = False
         last = float(t[since][keep[since]].max(initial=-np.inf))
         if t[at] > last:
             continue
-        stop = _end_of_late(t, at, last, period)
-        late[at:stop] = True
-        if stop > at:
+        # samples that came late, unless the clock goes on from there
+        beyond = np.flatnonzero(t[at:] > last)
+        stop = at + int(beyond[0]) if beyond.size else len(t)
+        if stop - at <= MAX_AHEAD if stop == len(t) else t[stop] - t[stop - 1] > LOST_PERIODS * period:
+            late[at:stop] = True
             continue
+        # a clock that began again
         if goes_on(samples, at):
             remarks.append(
                 f"the clock began again at row {row[at]} (t = {t[at]:.3f} s, after {last:.3f} s) with nothing missing: "
@@ -148,23 +127,6 @@ def _follow_clock(t: Floats, samples: Floats, row: Ints, period: float) -> tuple
         else:
             begins.append(at)
     return [_sort_part(t, keep, late, start, stop, row, period) for start, stop in pairwise([*begins, len(t)])], remarks
-
-
-def _find_ahead(t: Floats, at: int) -> int:
-    """First of the wrong stamps far ahead that come before a sample; the sample itself where there are none."""
-    for first in range(at - 1, max(at - 1 - MAX_AHEAD, 0), -1):
-        if t[first - 1] < t[at]:
-            return first if t[first] - t[first - 1] > JUMP_S else at
-    return at
-
-
-def _end_of_late(t: Floats, at: int, last: float, period: float) -> int:
-    """Sample behind those that came late, from one on; the one itself where the clock goes on from there."""
-    beyond = np.flatnonzero(t[at:] > last)
-    stop = at + int(beyond[0]) if beyond.size else len(t)
-    if stop == len(t):
-        return stop if stop - at <= MAX_AHEAD else at
-    return stop if t[stop] - t[stop - 1] > LOST_PERIODS * period else at
 
 
 def goes_on(samples: Floats, at: int, jump: float = JUMP) -> bool:
@@ -231,16 +193,12 @@ def _spread_doubles(part: Ordered, samples: Floats, row: Ints, period: float) ->
 
 
 class Clock(NamedTuple):
-    """A sensor's clock behind stamps (N,) s.
+    """A sensor's clock behind stamps (N,) s."""
 
-    `even` (N,) s are its ticks and `tick` (N,) their numbers: more than one apart where samples were dropped.
-    `period` s is that of one tick, `n_stretches` counts the stretches between restarts.
-    """
-
-    even: Floats
-    tick: Ints
-    period: float
-    n_stretches: int
+    even: Floats  # (N,) s, its ticks.
+    tick: Ints  # (N,) their numbers: more than one apart where samples were dropped.
+    period: float  # Of a tick, s.
+    n_stretches: int  # Between restarts.
 
 
 def remove_jitter(t: Floats) -> Floats:
@@ -281,13 +239,10 @@ def find_lost_share(gyr: Floats) -> float:
 
 
 def fit_clock(t: Floats) -> Clock:
-    """Find the clock behind stamps.
+    """Find the clock behind stamps (N,) s, strictly increasing, N > 1; fewer than 50 are taken as they are.
 
-    The median step is a poor estimate of its period: a logger that looks for samples every 6 ms stamps most
-    samples of a 200 Hz sensor 6 ms apart, and some of them at once. So several periods are tried, and the
-    clock with the fewest restarts, then the least deviation, is taken.
-
-    `t` (N,) s, strictly increasing, N > 1. Fewer than 50 are taken as they are.
+    The median step is a poor estimate of its period: a logger that looks for samples every 6 ms stamps most of a 200 Hz
+    sensor 6 ms apart, and some at once. Of several periods that with the fewest restarts, least deviation is taken.
     """
     if len(t) < MIN_CLOCKED:
         return Clock(t, np.arange(len(t)), float(np.median(np.diff(t))), 1)

@@ -79,10 +79,7 @@ class InProgress:
 
 @dataclass(frozen=True)
 class WalkInput:
-    """What a walk is solved from: one sensor's recording, and what is known besides; see `batch.smooth`.
-
-    A walk `in_progress` uses the fixes that it has come to.
-    """
+    """What a walk is solved from, see `smooth`; a walk `in_progress` uses the fixes that it has come to."""
 
     recording: Recording
     stances: Stances
@@ -98,18 +95,14 @@ class WalkInput:
 
 @dataclass(frozen=True)
 class SolvedWalk:
-    """The problem of the last solution, its minimum, and what was found on it.
-
-    Verdict on the field, `field` where that was used, `returns`; `scale` is what is left of the gyroscope's scale, in
-    the triangle of the solution, None where nothing shows it.
-    """
+    """The problem of the last solution, its minimum, and what was found on it."""
 
     problem: WalkProblem
     solved: Solved
     verdict: FieldVerdict
     field: FieldSolution | None = None
     returns: tuple[Return, ...] = ()
-    scale: WalkScale | None = None
+    scale: WalkScale | None = None  # What is left of the gyroscope's; None where nothing shows it.
 
     def take_solution(self, problem: WalkProblem, solved: Solved) -> SolvedWalk:
         """Return it at another solution, of a problem that has its factors and more."""
@@ -139,10 +132,17 @@ def fit_walk(given: WalkInput) -> SolvedWalk:
             f"the field is that of {len(given.field)} footfalls and the stances have {footfalls}: "
             "take the field at these stances."
         )
+    # Where the field is not used it does not show how the person turned over a hole in the samples either; of a walk in
+    # progress it is not known yet whether it is.
+    p, so_far = given.parameters, given.in_progress
+    is_used = given.field is not None or so_far is not None
+    of_sensor = p if is_used else replace(p, magnetic=replace(p.magnetic, compass=False))
+    goes_on = so_far is not None and not so_far.has_ended
     recording, corrected = given.recording, None
     while True:
         # Sensor and mounting from the recording; nodes, factors, and the first solution.
-        problem = make_problem(given, recording)
+        problem = walk_problem(recording, given.stances, given.heading, of_sensor, given.progress, goes_on)
+        problem = replace(problem, parameters=replace(problem.parameters, magnetic=p.magnetic))
         # Fixes, own factors and known places; level floors.
         problem = add_known(problem, given)
         # The magnetic field, in rounds; a building's directions; places where the walk was before.
@@ -156,25 +156,12 @@ def fit_walk(given: WalkInput) -> SolvedWalk:
             verdict = replace(walk.verdict, notes=(corrected.found.note, *walk.verdict.notes))
             return replace(walk, verdict=verdict, scale=corrected).take_solution(walk.problem, walk.solved)
         field = walk.problem.find(FieldFactors)
-        if not given.parameters.gyro_scale or given.in_progress is not None or field is None or not field.shows_heading:
+        if not p.gyro_scale or so_far is not None or field is None or not field.shows_heading:
             return walk
         scale = estimate_gyro_scale(walk.problem, walk.solved)
         if not scale.found.matters:
             return replace(walk, scale=scale)
-        recording, corrected = scale.found.remove_from(recording), scale
-
-
-def make_problem(given: WalkInput, recording: Recording) -> WalkProblem:
-    """Make the problem of a walk by its inertial sensor and its stances, near its minimum, from these samples."""
-    # Where the field is not used it does not show how the person turned over a hole in the samples either; of a walk in
-    # progress it is not known yet whether it is.
-    p, so_far = given.parameters, given.in_progress
-    is_used = given.field is not None or so_far is not None
-    magnetic = p.magnetic if is_used else replace(p.magnetic, compass=False)
-    goes_on = so_far is not None and not so_far.has_ended
-    of_sensor = replace(p, magnetic=magnetic)
-    problem = walk_problem(recording, given.stances, given.heading, of_sensor, given.progress, goes_on)
-    return replace(problem, parameters=replace(problem.parameters, magnetic=p.magnetic))
+        recording, corrected = replace(recording, gyr=recording.gyr / (1.0 + scale.found.scale)), scale
 
 
 def add_known(problem: WalkProblem, given: WalkInput) -> WalkProblem:

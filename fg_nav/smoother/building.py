@@ -19,18 +19,14 @@ backward passes on a grid give p(phi_k | all psi) and the likelihood (hidden Mar
 some b; with the likeliest, s and P are estimated by expectation maximization. The path is turned by phi_0 - phi_k, to
 start from.
 
-Places. The path of a walk that was closed is compared with itself again, as more of it then lies where it was before.
-Where nothing is left, the walk is the one that was not closed. Of the last round only that is used which the one before
-had recognized too. How far a place may be from where it seems, relative to an earlier one, follows from the graph
-before it is closed: with the covariance of each footfall and with that of each of some `ANCHORS`,
+Places (`docs/magnetic.md`). How far a place may be from where it seems, relative to an earlier one, follows from the
+graph before it is closed: with the covariance of each footfall and with that of each of some `ANCHORS`,
 
     var(p_k - p_a) = P_kk + P_aa - P_ka - P_ak.
 
-The earliest pass of each place is divided into cells by distance, each with one footfall to which all later passes are
-tied (`factors.same_place`): so no error adds up from lap to lap, and few footfalls are joined over the walk
-(`graph.order_variables`). What is tied are the means of both passes over the cell, relative to their footfalls, with
-sigma_one / sqrt(length / APART_M), and along the path, on top of that, what the field leaves open of the shift between
-the passes (`places.recognition`), which is taken off first.
+All later passes of a cell are tied to one footfall of the earliest (`factors.same_place`): so no error adds up from lap
+to lap, and few footfalls are joined over the walk (`graph.order_variables`). What is tied are the means over the cell,
+with sigma_one / sqrt(length / APART_M) and, along the path, what the field leaves open of the shift between the passes.
 """
 
 from __future__ import annotations
@@ -106,10 +102,7 @@ class DirectionFactors(BlockGroup):
 
 
 def make_direction_factors(node: Ints, piece: Ints, share: Floats, alpha: Floats, mixture: Mixture) -> DirectionFactors:
-    """Tie pairs of nodes (M, 2) to the directions A(k) + m pi/2 of their piece (M,) of the walk.
-
-    `share` (M,) is the power of each likelihood, `alpha` (n,) rad the mean of the prior of each piece.
-    """
+    """Tie pairs of nodes (M, 2) to the directions of their piece (M,), about `alpha` (n,) rad, by `share` (M,) each."""
     courses = BuildingDirection(mixture.sigma, odds_of_elsewhere(mixture.sigma, mixture.share), share)
     wide = gtsam.noiseModel.Isotropic.Sigma(1, OPEN_RAD)
     priors = (gtsam.PriorFactorVector(A(k), np.array([one]), wide) for k, one in enumerate(alpha))
@@ -121,23 +114,19 @@ def list_displacements(position: Floats) -> Ints:
     """List the first and last footfalls (M, 2) of straight displacements of footfalls at `position` (F, 3) m."""
     if len(position) <= STRIDES:
         return np.zeros((0, 2), dtype=np.int64)
-    # Non-overlapping displacements, centred in each straight run.
-    first = [np.zeros(0, dtype=np.int64)]
-    for begin, end in zip(*find_runs(find_straight(position)), strict=True):
-        strides = end - begin + STRIDES - 1
-        first.append(begin + strides % STRIDES // 2 + STRIDES * np.arange(strides // STRIDES))
-    return np.asarray(np.concatenate(first)[:, None] + np.array([0, STRIDES]))
-
-
-def find_straight(position: Floats) -> Bools:
-    """Find whether the `STRIDES` strides from each footfall on, but for the last ones, go straight on over ground."""
+    # Footfalls from which `STRIDES` strides go straight on over ground.
     places = np.moveaxis(sliding_window_view(position[:, :2], STRIDES + 1, axis=0), 2, 1)
     from_first = places - places[:, :1]
     along = from_first[:, -1:]
     across = from_first[..., 0] * along[..., 1] - from_first[..., 1] * along[..., 0]
-    length = np.linalg.norm(along, axis=2)
-    off = np.abs(across).max(axis=1) / np.maximum(length[:, 0], MIN_M)
-    return np.asarray((length[:, 0] >= MIN_M) & (off <= STRAIGHT_WITHIN_M))
+    length = np.linalg.norm(along, axis=2)[:, 0]
+    off = np.abs(across).max(axis=1) / np.maximum(length, MIN_M)
+    # Non-overlapping displacements, centred in each straight run.
+    first = [np.zeros(0, dtype=np.int64)]
+    for begin, end in zip(*find_runs((length >= MIN_M) & (off <= STRAIGHT_WITHIN_M)), strict=True):
+        strides = end - begin + STRIDES - 1
+        first.append(begin + strides % STRIDES // 2 + STRIDES * np.arange(strides // STRIDES))
+    return np.asarray(np.concatenate(first)[:, None] + np.array([0, STRIDES]))
 
 
 def share_legs(course: Floats) -> Floats:
@@ -305,24 +294,18 @@ class PlaceFactors(ResidualBlock):
 
 @dataclass(frozen=True)
 class _Piece:
-    """Part of a stretch, in one cell, of which it covers `covered_m`.
-
-    `later_m` were walked to the middle of the later pass, `cell_m` to that of the cell.
-    """
+    """Part of a stretch, in one cell."""
 
     stretch: Stretch
-    later_m: float
-    cell_m: float
-    covered_m: float
+    later_m: float  # Walked to the middle of the later pass,
+    cell_m: float  # and to that of the cell,
+    covered_m: float  # of which it covers so much.
 
 
 def make_place_factors(
     path: Signature, stretches: Sequence[Stretch], t: Floats, position: Floats, nav_R_body: Floats, node: Ints
 ) -> PlaceFactors:
-    """Return a tie for each cell of ground that was walked again: its mean place in the later and the earliest pass.
-
-    `t` (F,) s, `position` (F, 3) m, `nav_R_body` (F, 3, 3) and `node` (F,) are those of the footfalls.
-    """
+    """Return a tie for each cell of ground that was walked again, later and at first; `t` to `node` of footfalls."""
     # Ground walked again: first passes that were not themselves recognized. Cells are longer where it is much.
     is_first = np.zeros(len(path), dtype=bool)
     for stretch in stretches:

@@ -1,33 +1,26 @@
 """What is known of a walk beyond its sensor: fixes, own factors, known places, a satellite receiver.
 
-Fixes are in the walk's own frame, with its start at the origin: where the walk began remains known. That it began in
-this heading does not, as any fix away from the start shows it as well, with
+Fixes are in the walk's own frame, with its start at the origin; its heading there is shown by any fix away from it,
 
     sigma^-2 = sum |fix - start|^2 / sigma_fix^2    over ground, rad^-2.
 
-A heading that was given becomes a prior of some degrees as soon as the fixes show more. Where none was given, the walk
-is first turned about its start to where it fits the fixes best, and then its heading is free. A fix is tied to the node
-nearest in time. Between the two the foot moves on, at walking pace on the mean; its sigma grows by as much.
+A heading that was given becomes a prior of some degrees as soon as the fixes show more; where none was given, the walk
+is first turned to where it fits them best. A fix is tied to the node nearest in time, with the sigma of a walk between.
 
-Own factors. The caller makes a graph of gtsam from the variables of the nodes. It joins the walk where fixes do, on the
-first solution: what is found before that (noise of the swings, lever, random walk of the bias) rests on the sensor
-alone. Their information on the heading at the start is that on a turn of the whole walk about the vertical there. With
-A d the change of their residuals over their sigmas for a turn d of one radian, linearized at the walk,
+Own factors, a graph of gtsam, join where fixes do, on the first solution. Their information on the heading is that on a
+turn of the walk about its start: with A d the change of their residuals over their sigmas for a turn d of one radian,
 
     sigma^-2 = |A d|^2,     d = (R^T u, R^T (u x p)) of a pose, u x v of a velocity, 0 of a bias, u up,
 
-which for fixes is the formula above. Without a heading that was given the walk is first turned to where the error is
-least, of `TURNS` directions. A robust noise model is linearized by the weight that it has there (iteratively reweighted
-least squares); the solver takes the `excess` of its loss over that into account.
+which for fixes is the formula above. A robust noise model is linearized by the weight that it has there (iteratively
+reweighted least squares); the solver takes the `excess` of its loss over that into account.
 
-Known places (`fg_nav.places.location`). The walk is solved in axes of the known frame, about its start as located
-there. A known place q (3,) m, c (3,) m from a footfall in body axes, is e = p + R c - q, with the covariance of a tie.
-Start and heading are no gauge any more: they get priors without information, `UNKNOWN_PLACE_M` and
-`UNKNOWN_HEADING_DEG`, and the sigmas of the solution are those of the places in the known frame.
+Known places (`fg_nav.places.location`): e = p + R c - q, q (3,) m the place in the known frame about the start as
+located there, c (3,) m its point from a footfall in body axes, with the covariance of a tie. Start and heading are no
+gauge any more, and get priors without information.
 
-Satellite fixes are factors as of the caller's own, e = p_j + s - q_k over ground with Cauchy's loss: p_j the footfall
-nearest in time, q_k the fix, s the start of the walk in the axes of the fixes, which with its turn lays the first
-solution on them best.
+Satellite fixes are own factors, e = p_j + s - q_k over ground with Cauchy's loss: p_j the footfall nearest in time, q_k
+the fix, s the start in the axes of the fixes, which with its turn lays the first solution on them best.
 """
 
 from __future__ import annotations
@@ -178,12 +171,9 @@ def make_own_factors(extra: ExtraFactors, nodes: GraphNodes) -> OwnFactors:
     known = {*nodes.pose, *nodes.velocity, *nodes.bias}
     for i in range(graph.size()):
         factor: gtsam.NonlinearFactor | None = graph.at(i)
-        if factor is None:
-            raise EstimationError(f"extra factor {i} is none: add no empty places to the graph.")
-        joins = factor.keys()
-        if not joins:
+        if factor is None or not factor.keys():
             raise EstimationError(f"extra factor {i} joins no variable: leave it out.")
-        for key in joins:
+        for key in factor.keys():
             if key not in known:
                 raise EstimationError(
                     f"extra factor {i} joins {gtsam.DefaultKeyFormatter(key)}, which is no variable of this walk: use "
@@ -228,9 +218,6 @@ class PinnedFixes:
     position: Floats
     horizontal: Floats
     vertical: Floats
-
-    def __len__(self) -> int:
-        return len(self.node)
 
     def factors(self) -> GtsamFactors:
         """Tie the nodes to their fixes."""

@@ -4,18 +4,16 @@
     swings       -> variogram of the field, by turns with the iron that the stances show
     stances      -> information on each bias variable -> factors
 
-A stretch is a stance, or a standing in which no rest was found: all samples of the field from the first node of a
-footfall to its last, and of a stance those within `MARGIN_S`. A long standing is cut into pieces. From each follows
-what it shows of the gyro bias (`factors.differential_field`), with what this walk shows of field and magnetometer:
+A stretch is a stance and the samples within `MARGIN_S`, or a piece of a standing in which no rest was found. From each
+follows what it shows of the gyro bias (`factors.differential_field`), with what this walk shows of its magnetometer:
 
     sigma_n      third differences of z_t in the stretches, whose variance is 20 sigma_n^2
     h            hard iron, the same in all stretches (`find_iron`)
     gamma(r)     half the mean square per axis of differences of the field, in nav, between two samples of one swing
                  that are r apart, less sigma_n^2; median for mean; fitted by sigma^2 (1 - exp(-(r / l)^a))
 
-The information of a stretch is over max(1, chi^2 / freedom), none beyond `MAX_CHI_SQUARE`. The stretches of a bias
-variable are added, and limited by what is common to all stances and to all standings (`docs/magnetic.md`). A variable
-that contradicts gravity about the level axes is weakened (`LevelBias`).
+The stretches of a bias variable are added, and limited by what is common to all stances and to all standings
+(`docs/magnetic.md`). A variable that contradicts gravity about the level axes is weakened (`LevelBias`).
 """
 
 from __future__ import annotations
@@ -81,10 +79,6 @@ class Stretches:
     stop: Ints
     bias: Ints
     is_standing: Bools
-
-    def keep(self, those: Bools) -> Stretches:
-        """Return some of them."""
-        return Stretches(self.start[those], self.stop[those], self.bias[those], self.is_standing[those])
 
 
 def find_stretches(recording: Recording, nodes: Nodes, rests: tuple[Rest, ...]) -> Stretches:
@@ -188,10 +182,7 @@ class StretchSum:
 
 @dataclass(frozen=True)
 class LevelBias:
-    """Gyro bias (K, 3), rad/s, of a solution without the factors, and the direction of up (3,) in the body frame.
-
-    Where the field contradicts what gravity shows about the level axes its model is wrong for that variable.
-    """
+    """Gyro bias (K, 3), rad/s, of a solution without the factors, and the direction of up (3,) in the body frame."""
 
     gyro_bias: Floats
     body_up: Floats
@@ -250,19 +241,8 @@ def measure_stretches(turned: FieldStretches, noise: FieldNoise) -> tuple[BiasIn
     return whole.information.scale(np.where(used, 1.0 / np.maximum(ratio, 1.0), 0.0)), used
 
 
-def sum_stretches(information: BiasInformation, bias: Ints, those: Bools, variables: int) -> StretchSum:
-    """Add what those of the stretches (S,) show of each bias variable."""
-    matrix, vector = np.zeros((variables, 6, 6)), np.zeros((variables, 6))
-    np.add.at(matrix, bias[those], information.matrix[those])
-    np.add.at(vector, bias[those], information.vector[those])
-    return StretchSum(BiasInformation(matrix, vector), np.bincount(bias[those], minlength=variables))
-
-
 def add_differential_field(problem: WalkProblem, values: gtsam.Values, track: Trajectory) -> WalkProblem:
-    """Return the problem with gyro-bias factors from the differential field; unchanged where it is not used.
-
-    They are linearized once, at the biases of these values, whose trajectory is `track`.
-    """
+    """Return the problem with factors of the differential field, linearized once at these values, of path `track`."""
     recording, nodes = problem.recording, problem.nodes
     if not problem.parameters.magnetic.differential or recording.mag is None:
         return problem
@@ -280,10 +260,14 @@ def add_differential_field(problem: WalkProblem, values: gtsam.Values, track: Tr
             return problem
         noise = FieldNoise(variogram, sigma_uT, iron)
         information, used = measure_stretches(turned, noise)
-        stances, standings = (
-            sum_stretches(information, stretches.bias, used & those, len(biases))
-            for those in (~stretches.is_standing, stretches.is_standing)
-        )
+        # What stances and standings show of each bias variable.
+        sums = []
+        for those in (used & ~stretches.is_standing, used & stretches.is_standing):
+            bias, matrix, vector = stretches.bias[those], np.zeros((len(biases), 6, 6)), np.zeros((len(biases), 6))
+            np.add.at(matrix, bias, information.matrix[those])
+            np.add.at(vector, bias, information.vector[those])
+            sums.append(StretchSum(BiasInformation(matrix, vector), np.bincount(bias, minlength=len(biases))))
+        stances, standings = sums
         found = find_iron(stances.information, standings.information)
         if done >= MIN_ROUNDS and np.linalg.norm(found.mean_uT - iron.mean_uT) < CLOSE_IRON_UT:
             break

@@ -11,8 +11,6 @@ brought to a triangle by Householder reflections,
 What comes up from the first such front is a triangle in its columns already, so only the rows that are new are
 reflected into it, by a reflection for each column of one row of the triangle and all new rows (Golub and Van Loan 2013,
 section 5.1; LAPACK's `tpqrt`). On a chain that is half the work of a front that is reflected whole.
-
-Which variables meet in each front is planned before there are numbers in it (`plan_elimination`).
 """
 
 from __future__ import annotations
@@ -126,10 +124,7 @@ class Plan(NamedTuple):
 
 @njit(cache=True)
 def plan_elimination(factors: Factors, size: Ints, begin: int, end: int) -> tuple[Plan, Fronts, Factors]:
-    """Plan the elimination of the variables `begin <= v < end`.
-
-    Returns the plan, the fronts and the factors left, without their numbers.
-    """
+    """Plan the elimination of `begin <= v < end`: return plan, fronts and factors left, without their numbers."""
     # Each factor is queued at its first variable.
     count = len(size)
     queue = Queue(np.full(count, -1), np.full(len(factors.rows), -1), np.full(count, -1), np.full(count, -1))
@@ -284,7 +279,11 @@ def eliminate_factors(
     plan, fronts, left = plan_elimination(factors, size, begin, end)
     fronts = fronts._replace(rows=np.empty(int(fronts.at[-1])))
     left, right = left._replace(values=np.zeros(int(left.at[-1]))), np.zeros(int(plan.columns[-1]))
-    work, kept = _prepare(factors, fronts, len(right), plan.slots)
+    # The workspace of a front, and the triangles that await their parent.
+    widest = int(np.diff(fronts.begins).max(initial=0))
+    most = max(BLOCK_ROWS, widest, int(factors.rows.max(initial=0))) + 3
+    work = Work(np.zeros((widest, widest + 1)), np.zeros((most, widest + 1)), np.zeros(len(right), np.int64))
+    kept = np.zeros((plan.slots, widest, widest + 1))
     error, determined = _fill_fronts(factors, plan, fronts, left, work, kept, right)
     return fronts, right, error, left, determined
 
@@ -341,19 +340,6 @@ class Work(NamedTuple):
     triangle: Floats
     new: Floats
     place: Ints
-
-
-@njit(cache=True)
-def _prepare(factors: Factors, fronts: Fronts, columns: int, slots: int) -> tuple[Work, Floats]:
-    """Allocate the workspace of a front, and the triangles (slots, w, w + 1) that await their parent."""
-    widest, most = 0, BLOCK_ROWS
-    for i in range(len(fronts.size)):
-        widest = max(widest, fronts.begins[i + 1] - fronts.begins[i])
-    for rows in factors.rows:
-        most = max(most, rows)
-    most = max(most, widest) + 3
-    work = Work(np.zeros((widest, widest + 1)), np.zeros((most, widest + 1)), np.zeros(columns, np.int64))
-    return work, np.zeros((slots, widest, widest + 1))
 
 
 @njit(cache=True)

@@ -1,4 +1,4 @@
-"""Two feet of one person, smoothed as one walk.
+"""Two feet of one person, smoothed as one walk (`docs/two_feet.md`).
 
     each foot     as a walk of its own (`batch`)                         -> its factors, with their noise and verdicts
     alignment     both paths turned and moved to each other              -> values to start from
@@ -8,17 +8,10 @@
     shared        errors that each foot's steps share (`sensitivity`), in the triangle of both
     paths         of each foot by its share of the triangle (`batch`), and of the person by both (`feet.person`)
 
-Each foot alone shows rests, lever, noise, biases and the worth of its field. The graph of both has all these factors
-and the ties; the left foot's start is the gauge, and the right one's is free.
-
-Ties. In each cell of steps (`feet.steps`) the mean places of both feet, points next to the footfalls nearest to its
-middle, are beside each other: along the way to what a person steps evenly, across to how he keeps the width, up as the
-sensors are worn alike. Where for long there is no cell, pairs of footfalls have ties of zero weight, which keep both
-feet's joint covariance for the sigmas of the person. Pairs that stand at about one time are within reach: a factor
-where they are not, and of those with which the walk was solved before.
-
-The variables of the right foot have keys of their own (`RIGHT`), in the linear factors only. The footfalls that are
-tied are eliminated last, the newest of them first: what lies between is a chain of each foot alone.
+The left foot's start is the gauge, and the right one's is free; its variables have keys of their own (`RIGHT`), in the
+linear factors only. Where for long there is no cell of steps, pairs of footfalls have ties of zero weight, which keep
+both feet's joint covariance for the sigmas of the person. The footfalls that are tied are eliminated last, the newest
+of them first: what lies between is a chain of each foot alone.
 """
 
 from __future__ import annotations
@@ -123,15 +116,12 @@ class NodePairs:
 
 @dataclass(frozen=True)
 class FootfallTies:
-    """C pairs of footfalls `right`, `left` (C,), tied at their nodes.
+    """C pairs of footfalls, tied at their nodes."""
 
-    The first `cells` of them stand for cells of steps, the others are tied by nothing.
-    """
-
-    right: Ints
-    left: Ints
+    right: Ints  # (C,).
+    left: Ints  # (C,).
     pairs: NodePairs
-    cells: int
+    cells: int  # The first of them, which stand for cells of steps; the others are tied by nothing.
 
     def __len__(self) -> int:
         return len(self.right)
@@ -167,7 +157,16 @@ def tie_feet(right: WalkProblem, left: WalkProblem, values: FeetValues) -> Footf
     by_tie = [
         np.concatenate([one[near[: len(cells)]], taken]) for one, near, taken in zip(free, nearest, stands, strict=True)
     ]
-    of_right, of_left = (np.concatenate(each) for each in zip(by_tie, _watch_between(feet, *by_tie), strict=True))
+    # Pairs that are watched, every `WATCHED_S` where no tie is within as much: their covariance is reported.
+    cell_t = np.concatenate([[-np.inf], np.sort(feet[1].t[by_tie[1]]), [np.inf]])
+    moment = np.arange(max(foot.t[0] for foot in feet), min(foot.t[-1] for foot in feet), WATCHED_S)
+    after = np.searchsorted(cell_t, moment)
+    lonely = moment[np.minimum(moment - cell_t[after - 1], cell_t[after] - moment) > WATCHED_S]
+    pairs = np.stack([find_footfalls(lonely, foot.t) for foot in feet], axis=1)
+    is_new = [~np.isin(pairs[:, k], by_tie[k]) & (np.diff(pairs[:, k], prepend=-1) > 0) for k in range(2)]
+    apart_s = np.abs(feet[0].t[pairs[:, 0]] - feet[1].t[pairs[:, 1]])
+    watched = pairs[is_new[0] & is_new[1] & (apart_s < MAX_S)].T
+    of_right, of_left = (np.concatenate(each) for each in zip(by_tie, watched, strict=True))
     node = right.nodes.result[of_right], left.nodes.result[of_left]
     poses = list_poses(node[0], values.right), list_poses(node[1], values.left)
     in_body = [
@@ -214,19 +213,6 @@ def _find_stands(right: WalkProblem, left: WalkProblem, feet: tuple[Footfalls, F
             placed.append(place)
     of_right, of_left, grown_by = (np.array(column) for column in zip(*pairs, strict=True)) if pairs else ([], [], [])
     return np.asarray(of_right, np.int64), np.asarray(of_left, np.int64), np.asarray(grown_by, np.float64)
-
-
-def _watch_between(feet: tuple[Footfalls, Footfalls], *by_tie: Ints) -> list[Ints]:
-    """Return untied right and left footfalls, where no tie is within `WATCHED_S`: their covariance is reported."""
-    right, left = feet
-    cell_t = np.concatenate([[-np.inf], np.sort(left.t[by_tie[1]]), [np.inf]])
-    moment = np.arange(max(right.t[0], left.t[0]), min(right.t[-1], left.t[-1]), WATCHED_S)
-    after = np.searchsorted(cell_t, moment)
-    lonely = moment[np.minimum(moment - cell_t[after - 1], cell_t[after] - moment) > WATCHED_S]
-    pairs = np.stack([find_footfalls(lonely, foot.t) for foot in feet], axis=1)
-    apart_s = np.abs(right.t[pairs[:, 0]] - left.t[pairs[:, 1]])
-    is_new = [~np.isin(pairs[:, k], by_tie[k]) & (np.diff(pairs[:, k], prepend=-1) > 0) for k in range(2)]
-    return list(pairs[is_new[0] & is_new[1] & (apart_s < MAX_S)].T)
 
 
 def pair_standing_feet(right: WalkProblem, left: WalkProblem) -> NodePairs:
@@ -349,10 +335,7 @@ def _solve(problem: FeetProblem) -> SolvedFeet:
 
 
 def align_feet(right: WalkProblem, left: WalkProblem) -> tuple[WalkProblem, FeetValues]:
-    """Turn both paths into each other, half way each, move the right one beside the left, and free its start.
-
-    The left one's heading at the start is the gauge.
-    """
+    """Turn both paths into each other, half way each, move the right one beside the left, and free its start."""
     of_right, of_left = gtsam.Values(right.values), gtsam.Values(left.values)
     # Behind a hole in its recording each path is turned as the other foot's goes on.
     holes = [
@@ -399,10 +382,7 @@ def _smooth_turn(at: Floats, turn: Complexes, t: Floats) -> Floats:
 
 
 def order_variables(problem: FeetProblem) -> Keys:
-    """Return the keys of all variables in elimination order, chosen for small fronts.
-
-    First the chain of each foot alone, then the tied footfalls, the newest of them first, and what many join.
-    """
+    """Order the keys for small fronts: each foot's chain, then tied footfalls, newest first, and what many join."""
     chains, tied, common, moments = [], [], [], []
     for one, ties, reach, mark in (
         (problem.right, problem.ties.right, problem.reach.right, RIGHT),
@@ -482,11 +462,9 @@ def _list_tie_times(solved: SolvedFeet) -> Floats:
 
 
 def _take_covariances(solved: SolvedFeet, shared: Floats) -> tuple[tuple[Floats, Floats], Floats]:
-    """Return table covariances (K, 6, 6) of right and left, and (C, 4, 4) of right less left pose (4) at ties.
-
-    One pass along the triangle finds all: of a tied pose that is eliminated before the other one the joint covariance
-    of both, of all else its own; with what strides share, `shared` (N, n).
-    """
+    """Return table covariances (K, 6, 6) of right and left, and (C, 4, 4) of right less left pose (4) at ties."""
+    # One pass along the triangle finds all: of a tied pose that is eliminated before the other one the joint covariance
+    # of both, of all else its own.
     root, ties = solved.minimum.root, solved.problem.ties
     right, left = (list_table_keys(one.nodes) for one in (solved.problem.right, solved.problem.left))
     keys = np.concatenate([np.array(right, dtype=np.uint64) + RIGHT, np.array(left, dtype=np.uint64)])

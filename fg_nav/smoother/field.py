@@ -10,43 +10,32 @@
         evidence       -> noise of the line integrals
         walk and field -> solution, again without the line integrals across jumps of the potential
 
-Every footfall with a reading has its compass. With T_k the statistic of the gate's detector, of n squares, and the
-walk's white spread of the field
-
-    sigma_k^2 = noise^2 + white^2 (2 + n T_k / median T) / (2 + n)         (`magnetic.detectors.weigh_statistic`)
-
-What deviates alike for metres and in whole regions are states (`field_factors`). The iron of the magnetometer has the
-prior of its calibration. Where a heading is given, the direction of the field is free about it; where not, the walk is
-first turned to the field, and its start is free.
+What deviates alike for metres and in whole regions are states (`field_factors`); `docs/magnetic.md` has the reasons.
 
 Drift. The residual of a compass has a second zero half a turn away, so a heading that drifted far is bent back to start
-from; the minimum stays where it is. With z_k the field over ground at footfall k as the drifting heading has it, a
-complex number, and t_k the time,
+from. With z_k the field over ground at footfall k as the drifting heading has it, a complex number, and t_k the time,
 
     rate     r = argmax  |sum z_k exp(-i r t_k)| / mean |z| - r^2 / (2 sigma_r^2)        a constant bias
     drift_k  = r t_k + angle of the mean of z exp(-i r t) over `WINDOW` footfalls about k, less that of the first
 
-Jumps. On a path through a circuit of current I, a lift, a magnet that is put down, one row of the potential is off by
-an unknown constant, of mu_0 I = 1.26 uT m an ampere. Its own residual does not show it; the likelihood of the walk
-does. With r_k the residual at the minimum, sigma its noise, J its Jacobian, P the covariance of its variables,
+Jumps. On a path through a circuit of current I one row of the potential is off by an unknown constant, mu_0 I. With r_k
+the residual at the minimum, sigma its noise, J its Jacobian, P the covariance of its variables, twice the error falls
+without it by (a deletion diagnostic; Cook 1977)
 
-    T_k = r_k^2 / (sigma^2 - J P J^T)        chi^2 of one degree of freedom without a jump
+    T_k = r_k^2 / (sigma^2 - J P J^T)        chi^2 of one degree of freedom without a jump.
 
-is by how much twice the error falls without that row (a deletion diagnostic; Cook 1977). At the largest T the rows k-1,
-k, k+1 are left out, as the stride that passes the conductor is wrong in its shape too, if twice the error falls by more
-than `MIN_FALL`: before the walk is solved again by r^T (I - H)^-1 r, H = J P J^T, and as it comes out. Rows that were
-left out come back where the rise r^T (I + H)^-1 r is less.
+At the largest T the rows k-1, k, k+1 are left out, as the stride that passes the conductor is wrong in its shape too,
+if twice the error falls by more than `MIN_FALL`: before the walk is solved again by r^T (I - H)^-1 r, H = J P J^T, and
+as it comes out. Rows that were left out come back where the rise r^T (I + H)^-1 r is less.
 
-Noise of the integrals. One over a stride differs from that of the building's field by the change of the potential,
-whose sum over a walk stays within bounds, and by an error of its own, whose sum does not: iron and delay of the
-magnetometer, tilt in the swing, an uneven clock, currents. With v the variance of all of it over a stride (sigma and
+Noise of the integrals. The change of the potential over a stride telescopes, and an error of the integral (iron and
+delay of the magnetometer, tilt in the swing, currents) does not. With v the variance of both over a stride (sigma and
 correlation a of the potential, as the walk shows them), a share s is error:
 
     v = 2 sigma^2 (1 - a),     noise of the integral^2 = sigma_u^2 + s v,     potential^2 = (1 - s) sigma^2.
 
-s = 0: the integral is a coordinate along north that does not drift. s = 1: it drifts as a random walk does. The walk
-uses the mean of s on `SHARES` by their evidence (`sensitivity`), the longer the better separated. Nodes between the
-footfalls are eliminated once; each level eliminates what is left, a quarter of the variables.
+s = 0: the integral is a coordinate along north that does not drift; s = 1: it drifts as a random walk does. The walk
+uses the mean of s on `SHARES` by their evidence (`sensitivity`), with the nodes between footfalls eliminated once.
 """
 
 from __future__ import annotations
@@ -68,7 +57,6 @@ from fg_nav.smoother.field_factors import (
     CompassReadings,
     FieldFactors,
     FieldPath,
-    FieldRoughness,
     Roughness,
     compass_sigma,
     deviate_along,
@@ -78,7 +66,6 @@ from fg_nav.smoother.field_factors import (
     weigh_compass,
 )
 from fg_nav.smoother.graph import UNKNOWN_HEADING_DEG, StartPrior, Trajectory, WalkProblem, solve, turn_walk
-from fg_nav.smoother.parameters import FieldParameters
 from fg_nav.smoother.sensitivity import SharingFactors, average, shared_information
 from fg_nav.smoother.solver import CONVERGENCE, FIRST_CONVERGENCE, Solved, list_attitudes, residuals_at_minimum
 from fg_nav.smoother.square_root import LinearWalk
@@ -108,27 +95,13 @@ SHARES_PRIOR = (1.0, 1.0, 1.0, 1.0, 0.1)  # Weights of the shares before the wal
 
 @dataclass(frozen=True)
 class FieldVerdict:
-    """Verdicts on the field at the footfalls, as in a stance table, and notes.
+    """Verdicts on the field at the footfalls, as in a stance table, and notes."""
 
-    The words are the detector's; what a footfall's compass counts is its weight.
-    """
-
-    words: tuple[str, ...]
+    words: tuple[str, ...]  # Of the detector.
     reason: tuple[str, ...]
     notes: tuple[str, ...]
     statistic: Floats
     compass_weight: Floats
-
-
-@dataclass(frozen=True)
-class FieldResiduals:
-    """The field along a walk against its mean."""
-
-    verdicts: FieldVerdicts  # Of the gate.
-    sigma_uT: Floats  # (F,) of the compass, infinite where it has no reading.
-    rough: FieldRoughness
-    nav_R_body: Floats  # (F, 3, 3).
-    reference: Floats  # (F, 2), the walk's horizontal field.
 
 
 @dataclass(frozen=True)
@@ -157,17 +130,13 @@ def turn_to_field(problem: WalkProblem, field: FootfallField) -> WalkProblem:
 
 
 def solve_with_field(problem: WalkProblem, field: FootfallField, path: FieldPath) -> FieldSolution:
-    """Smooth a walk with its field, in rounds: compass sigmas, verdicts and roughness from the walk of the last.
-
-    `path` is the field along the trajectory of the problem's values.
-    """
+    """Smooth a walk with its field in rounds, at first with the `path` along the trajectory of the problem's values."""
     p, noise_notes = problem.parameters.magnetic, tuple[str, ...]()
     problem = turn_to_field(problem, field)
     values, states = gtsam.Values(problem.values), None
     for number in range(max(p.rounds, 1)):
         # Spread and weights of the compass by the walk as it stands; at first without the heading.
-        residuals = compare_field(problem, field, values, path, states, p)
-        problem = add_field_factors(problem, field, residuals, path, p)
+        problem, verdicts = add_field_factors(problem, field, values, path, states)
         factors = problem.get(FieldFactors)
         if number == 0:
             factors.insert(values)
@@ -184,30 +153,26 @@ def solve_with_field(problem: WalkProblem, field: FootfallField, path: FieldPath
         if number < p.rounds - 1:
             del solved  # its triangle is as large as all else
     assert states is not None
-    verdicts = residuals.verdicts
     # Notes.
     east, north = np.median(states[:, E_H], axis=0)
     forward, left, up = states[-1, IRON]
-    rough, used, count = residuals.rough, int(np.isfinite(residuals.sigma_uT).sum()), len(residuals.sigma_uT)
+    rough, sigma_uT = factors.rough, factors.readings.sigma_uT
+    used, count = int(np.isfinite(sigma_uT).sum()), len(sigma_uT)
     notes = (
         f"field over ground {np.hypot(east, north):.1f} uT, {np.degrees(np.arctan2(east, north)):+.1f} deg from north; "
-        f"the compass of {used} of {count} footfalls weighs (gate {residuals.verdicts.detector})",
+        f"the compass of {used} of {count} footfalls weighs (gate {verdicts.detector})",
         f"it deviates by {rough.white_uT:.1f} uT from stride to stride, {_write(rough.across, 'uT')}, by region "
         f"{_write(rough.regional, 'uT')}, its potential by {_write(rough.potential, 'uT m')}",
         f"hard iron left in the stance's axes: {forward:.1f}, {left:.1f}, {up:.1f} uT",
         *noise_notes,
         *describe_jumps(problem, solved),
     )
-    weight = weigh_compass(residuals.sigma_uT, rough)
-    verdict = FieldVerdict(verdicts.words, verdicts.reason, notes, verdicts.statistic, weight)
+    verdict = FieldVerdict(verdicts.words, verdicts.reason, notes, verdicts.statistic, weigh_compass(sigma_uT, rough))
     return FieldSolution(problem, solved, states, verdict)
 
 
 def measure_drift(nav_field: Floats, t: Floats) -> Floats:
-    """Return the heading drift (F,) rad, counter-clockwise, from the nav-frame field (F, 3) uT; NaN rows are skipped.
-
-    `t` (F,) s of the footfalls. Zero where there are fewer than two windows.
-    """
+    """Return the drift (F,) rad of the heading, by the field (F, 3) uT in nav at t (F,) s; zero on a short walk."""
     window = int(np.clip(len(nav_field) // PIECES, MIN_WINDOW, MAX_WINDOW))
     if len(nav_field) < 2 * window:
         return np.zeros(len(nav_field))
@@ -257,16 +222,12 @@ def integrate_field(problem: WalkProblem, field: FootfallField, track: Trajector
     return integrate_path(recording.t, recording.mag, track.position, track.nav_R_body, footfall, up_uT)
 
 
-def compare_field(
-    problem: WalkProblem,
-    field: FootfallField,
-    values: gtsam.Values,
-    path: FieldPath,
-    states: Floats | None,
-    p: FieldParameters,
-) -> FieldResiduals:
-    """Return gate verdicts, sigmas (uT), roughness and reference field; `states` (F, 9) of the last round."""
-    nav_R_body = list_attitudes(problem.nodes.result, values)
+def add_field_factors(
+    problem: WalkProblem, field: FootfallField, values: gtsam.Values, path: FieldPath, states: Floats | None
+) -> tuple[WalkProblem, FieldVerdicts]:
+    """Put the field's factors by a walk at `values`, `states` (F, 9) of the last round, into it; return verdicts."""
+    # The field against its mean, level before the heading is known.
+    p, nav_R_body = problem.parameters.magnetic, list_attitudes(problem.nodes.result, values)
     nav_field = rotate_field(field, nav_R_body)
     seen = np.isfinite(nav_field[:, 0])
     level = np.hypot(nav_field[:, 0], nav_field[:, 1])
@@ -277,23 +238,17 @@ def compare_field(
     else:
         reference = states[:, E_H]
         deviation = deviate_along(nav_field, reference)
+    # How rough it is, and the worth of each compass.
     weight = weigh_statistic(verdicts, p.gate)
     used = seen & np.isfinite(weight)
     rough = measure_roughness(deviation, used, path.distance_m)
     sigma_uT = np.where(used & p.compass, compass_sigma(np.where(used, weight, 1.0), rough), np.inf)
-    return FieldResiduals(verdicts, sigma_uT, rough, nav_R_body, reference)
-
-
-def add_field_factors(
-    problem: WalkProblem, field: FootfallField, residuals: FieldResiduals, path: FieldPath, p: FieldParameters
-) -> WalkProblem:
-    """Add the factors of the field to a walk, in place of those of the round before."""
-    readings = CompassReadings(problem.nodes.result, field.body_field, residuals.nav_R_body, residuals.sigma_uT)
+    readings = CompassReadings(problem.nodes.result, field.body_field, nav_R_body, sigma_uT)
     # Prior of the first state: the mean field, north by definition where no heading was given, and the iron.
-    strength, rough = float(np.linalg.norm(np.median(residuals.reference, axis=0))), residuals.rough
+    strength = float(np.linalg.norm(np.median(reference, axis=0)))
     east, north, direction_sigma = 0.0, strength, np.radians(DECLINATION_SIGMA_DEG)
     if problem.heading_known:
-        mean = np.nanmean(rotate_field(field, residuals.nav_R_body), axis=0)[:2]
+        mean = np.nanmean(nav_field, axis=0)[:2]
         east, north = strength * mean / np.linalg.norm(mean)
         direction_sigma = np.radians(FOUND_SIGMA_DEG)
     left = np.array([LEFT_IRON_LEVEL_UT, LEFT_IRON_LEVEL_UT, LEFT_IRON_UP_UT])
@@ -301,7 +256,7 @@ def add_field_factors(
     spreads = rough.potential.sigma, rough.across.sigma, rough.regional.sigma, rough.regional.sigma
     sigma = np.array([*spreads, direction_sigma * strength, STRENGTH_SIGMA_UT, *iron])
     prior = FieldPrior(np.array([0.0, 0.0, 0.0, 0.0, east, north, 0.0, 0.0, 0.0]), sigma)
-    return set_field(problem, FieldFactors(readings, path, prior, residuals.rough, p))
+    return set_field(problem, FieldFactors(readings, path, prior, rough, p)), verdicts
 
 
 def set_field(problem: WalkProblem, field: FieldFactors) -> WalkProblem:

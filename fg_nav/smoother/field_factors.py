@@ -12,10 +12,8 @@ trajectory, between footfalls k and k+1
     w_k = R_k^T e_z x int (R y) x dp.
 
 E_up is the median vertical field at the footfalls, so that a trajectory that climbs falsely adds nothing; L turns the
-body axes into those of a stance: x forward as far as level, z up. A stride whose samples of the field lie too far apart
-measured nothing, and one with a hole in its samples neither: that may have been as long as a person walks. The
-trajectory must be good within a stride; where it is and which way it heads makes no difference to u, s, d and w. Its
-tilt does: by w_k the residual follows the tilt of the pose at footfall k.
+body axes into those of a stance: x forward as far as level, z up. Where the trajectory is and which way it heads makes
+no difference to u, s, d and w; its tilt does, and by w_k the residual follows the tilt of the pose at footfall k.
 
 Roughness. At footfall k the field deviates from the walk's mean by e_k over the ground, uT an axis, and in potential by
 phi_k, uT m. What lies within a stride of the footfall is its own; what a larger object does is alike for metres; what a
@@ -23,10 +21,8 @@ corridor or a wing does, for tens of them. Along the path, with s_kj the way bet
 
     cov(e_k, e_j) = white^2 [k = j] + across^2 exp(-s_kj / length) + regional^2 exp(-s_kj / 60 m).
 
-The variance of e is that of the walk, deviations clipped at 4 robust sigmas. How much of it is alike, and for how long,
-fits the walk's own covariances at 1 to 32 strides by least squares, weighted by their pairs, with an assumption that is
-worth `ASSUMED_PAIRS`. Only the deviation along the mean field counts, which no heading hides; before the field has
-shown the heading, its level strength. The potential, of `POTENTIAL_PER_FIELD_M` times the spread, has no white part,
+fitted to the walk's own covariances of the deviation along the mean field (`docs/magnetic.md`). The potential, of
+`POTENTIAL_PER_FIELD_M` times the spread, has no white part,
 
     x_k = a_k x_{k-1} + w_k,    a_k = exp(-distance_k / length),    sd(w_k) = sigma sqrt(1 - a_k^2).
 """
@@ -124,10 +120,7 @@ def deviate_along(nav_field: Floats, reference: Floats) -> Floats:
 
 
 def measure_roughness(deviation: Floats, seen: Bools, distance_m: Floats) -> FieldRoughness:
-    """Return sigmas and correlation lengths of the field's deviations (F,) uT along the walk's mean field.
-
-    `seen` (F,) are the footfalls with a field, `distance_m` (F-1,) the ways between them.
-    """
+    """Return the roughness by deviations (F,) uT along the mean field, where `seen` (F,); ways `distance_m` (F-1,)."""
     # Winsorized deviations, zero where the field is missing.
     x, variance = np.where(seen, deviation, 0.0), MIN_SIGMA_UT**2
     if seen.any():

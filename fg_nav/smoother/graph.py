@@ -1,9 +1,8 @@
 """From nodes and strides to the problem that is solved, and from its solution back to the recording's rate.
 
-Initial values are dead reckoning, stopped at every node: strapdown from node to node; at a node the velocity is set to
-zero, the position gives back what the linear growth of the velocity error added, and while the foot stands the tilt is
-nudged towards gravity. Good to some degrees and per cents, which Gauss-Newton needs no better. Over a hole in the
-samples the position stays, and the attitude is turned and levelled as in `strides`.
+Initial values are dead reckoning, stopped at every node: the velocity is set to zero, the position gives back what the
+linear growth of the velocity error added, and while the foot stands the tilt is nudged towards gravity. Over a hole in
+the samples the position stays, and the attitude is turned and levelled as in `strides`.
 
 The dense path. Between two nodes of the solution the samples are integrated from the first one with its bias. What is
 left at the second, a rotation d_R, a velocity d_v and a position d_p, is given back smoothly over the interval of
@@ -11,8 +10,7 @@ length T, with s in [0, 1]:
 
     R(s) Exp(a d_R),  a = 3 s^2 - 2 s^3;      p(s) + a d_p + b T d_v,  b = s^3 - s^2;      v(s) its derivative.
 
-So the trajectory passes through every smoothed node in position, velocity and attitude. Before the first node and
-after the last, and on both sides of a hole, the samples are integrated, backward and forward.
+Before the first node and after the last, and on both sides of a hole, the samples are integrated, backward and forward.
 """
 
 from __future__ import annotations
@@ -107,15 +105,12 @@ class Known:
 
 @dataclass(frozen=True)
 class StartPrior:
-    """The gauge: position zero at the first node, this attitude (3, 3); sigmas of its heading, rad, and place, m.
+    """The gauge: position and attitude at the first node."""
 
-    Of the second of two feet `place` (3,) m is where it is about to begin.
-    """
-
-    nav_R_body: Floats
-    heading_sigma: float
-    place_sigma: float = GAUGE_SIGMA
-    place: Sequence[float] | Floats = (0.0, 0.0, 0.0)
+    nav_R_body: Floats  # (3, 3).
+    heading_sigma: float  # rad.
+    place_sigma: float = GAUGE_SIGMA  # m.
+    place: Sequence[float] | Floats = (0.0, 0.0, 0.0)  # m, of the second of two feet where it is about to begin.
 
     def factor(self, p: SmootherParameters) -> gtsam.PriorFactorPose3:
         """Return it as a prior on the first pose, with the tilt of levelling."""

@@ -9,31 +9,21 @@ Floors (`docs/models.md`). Between footfalls of one foot the first solution move
                                anything    on a step: heavy tails about zero
 
 c is what strides of the walk climb in excess whatever their direction, with a Student prior (`settling_sigma_m`), q the
-length of a stride over that of the usual one, r the riser of `RISERS_M` with the largest evidence, strides taken one by
-one. With c and g on grids, and the ground passing into any other with probability `CHANGE`, by their shares, this is a
-hidden Markov model (Rabiner 1989).
+length of a stride over that of the usual one, r the riser of `RISERS_M` with the largest evidence. With c and g on
+grids, and the ground passing into any other with probability `CHANGE`, this is a hidden Markov model (Rabiner 1989).
 
-A stretch of level strides in a row is on a floor that was left earlier if the strides between climbed by h = 0 +-
-sigma, against being on any other level within `LEVELS_WITHIN_M`: log N(h; 0, sigma^2) + log(2 LEVELS_WITHIN_M) >
-MAX_NATS. Otherwise it is a floor of its own. Floors have their height Z as a variable (`factors.FloorHeight`): factors
-from footfall to footfall would sum up to a walk of their own, 0.6 m after a thousand strides of 2 cm.
+A stretch of level strides is on a floor that was left earlier if the strides between climbed by h = 0 +- sigma, against
+any other level within `LEVELS_WITHIN_M`: log N(h; 0, sigma^2) + log(2 LEVELS_WITHIN_M) > MAX_NATS. Floors have their
+height Z as a variable (`factors.FloorHeight`): factors from footfall to footfall would sum up to a walk of their own.
 
-Barometer.
+Barometer (`docs/models.md`; residuals in `factors.walk_constraints`).
 
     p_k     mean pressure about the stillest sample of footfall k, within its stance and `REACH_S`, Pa
     h_k     R T_0 / (g M) log(p_0 / p_k), m above the first footfall with a reading, T_0 = 15 degC
-    factor  height of the sensor + offset = h_k, Cauchy's loss      (`factors.walk_constraints`)
 
-Offset and tendency are a state P of each footfall: wind, ventilation and doors, a random walk of `DRIFT_PA`; and the
-weather's, constant for hours. Air of another temperature has heights larger by a scale of 0 +- `SCALE_SIGMA`, one
-number of a walk that is counted in the sigmas (`sensitivity`). Noise of p_k is the recording's own, with parts that
-none shows,
+Noise of p_k, with n_k the readings of footfall k, n the median, and run the footfalls that one quantum lasts,
 
-    sigma^2 = (noise^2 + `AIR_PA`^2) min(1, n / n_k) + run quantum^2 / 12,
-
-n_k the readings of footfall k, n the median: a standing averages over more. noise is half of what the means of the two
-halves of a stance differ by, in the median. Where stances have too few readings it is that of second differences at the
-barometer's rate. Readings in steps of a quantum err alike as long as they stay the same: over `run` footfalls.
+    sigma^2 = (noise^2 + `AIR_PA`^2) min(1, n / n_k) + run quantum^2 / 12.
 """
 
 from __future__ import annotations
@@ -138,13 +128,18 @@ def find_floors(
     off = np.where(level, 0.0, np.where(unseen, FORGOTTEN, 1.0))
     strides = np.append(0.0, np.cumsum(off))
     height = np.append(0.0, np.cumsum(off * (step[:, 2] - ground.drift)))
-    # Level strides in a row, by their first and last footfall, are on a floor that was left or on the next one.
+    # Level strides in a row are on a floor that was left, at footfall `left[number]`, if its height is so much more
+    # probable than any other; else on a new one.
     floor, left = np.full(len(position), -1, dtype=np.intp), list[int]()
     for first, last in zip(*(ends.tolist() for ends in find_runs(level)), strict=True):
-        if last - first + 1 >= FEWEST:
-            number = _recognize(first, left, strides, height, ground)
-            floor[first : last + 1] = number
-            left[number:] = [last, *left[number + 1 :]]
+        if last - first + 1 < FEWEST:
+            continue
+        between, climbed = strides[first] - strides[left], height[first] - height[left]
+        variance = 2 * LEVEL_SIGMA_M**2 + ground.noise**2 * between + (ground.drift_sigma * between) ** 2
+        nats = np.log(2.0 * LEVELS_WITHIN_M) - 0.5 * (climbed**2 / variance + np.log(2.0 * np.pi * variance))
+        number = int(np.argmax(nats)) if nats.max(initial=-np.inf) > MAX_NATS else len(left)
+        floor[first : last + 1] = number
+        left[number:] = [last, *left[number + 1 :]]
     return floor, ground
 
 
@@ -188,10 +183,7 @@ def _prior_of_drift(drift_sigma_m: float) -> Floats:
 
 
 def find_riser(climb: Floats, length: Floats, drift_sigma_m: float) -> tuple[float, float]:
-    """Return riser of the stairs and noise of a climb, m, of largest evidence, from climbs (K,) m.
-
-    `length` (K,) is stride length over the usual one. At most `PILOT` strides are taken, as if independent.
-    """
+    """Return riser and noise of a climb, m, of largest evidence, from climbs (K,) m of strides of a `length` q (K,)."""
     some = np.linspace(0, len(climb) - 1, min(len(climb), PILOT)).astype(int)
     drifts, prior = DRIFTS_M[::LATTICE_STEP], _prior_of_drift(drift_sigma_m)[::LATTICE_STEP]
     off = climb[some, None] - length[some, None] * drifts
@@ -298,18 +290,6 @@ def estimate_noise(climb: Floats) -> float:
         float(np.median(np.abs(np.diff(x))) / (0.6745 * np.sqrt(2.0))) if len(x) > 3 else 0.0 for x in (climb, blocks)
     )
     return max(each, float(BLOCK**0.5) * together, MIN_NOISE_M)
-
-
-def _recognize(at: int, left: list[int], strides: Floats, height: Floats, ground: Ground) -> int:
-    """Return the floor of footfall `at`: the number of that left at footfall `left[k]`, or a new one."""
-    if not left:
-        return 0
-    between = strides[at] - strides[left]
-    variance = 2 * LEVEL_SIGMA_M**2 + ground.noise**2 * between + (ground.drift_sigma * between) ** 2
-    climbed = height[at] - height[left]
-    nats = np.log(2.0 * LEVELS_WITHIN_M) - 0.5 * (climbed**2 / variance + np.log(2.0 * np.pi * variance))
-    best = int(np.argmax(nats))
-    return best if nats[best] > MAX_NATS else len(left)
 
 
 def add_constraints(problem: WalkProblem, values: gtsam.Values, continues: Bools | None = None) -> WalkProblem:
@@ -509,8 +489,7 @@ def stride_factors(
 ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
     """Return the barometer factors of a new footfall, the last of those `seen`, and the initial value of its state.
 
-    `states` are the keys of that of the footfall before and of this one, `elapsed_s` later; `values` the estimate
-    before this footfall. Both are empty without a reading.
+    `states` are the keys of the footfall before and of this one, `elapsed_s` later; `values` the estimate before it.
     """
     graph, new = gtsam.NonlinearFactorGraph(), gtsam.Values()
     (before, state), has_reading = states, bool(np.isfinite(seen.mean[-1]))

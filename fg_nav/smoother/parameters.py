@@ -1,9 +1,4 @@
-"""What the smoother assumes about sensor, foot and walk, as far as an ablation or a user varies it.
-
-Noise densities do not depend on the sampling rate: a white error of s a sample at rate f has the density s/sqrt(f).
-Process noise is that of a foot, not of a sensor at rest: scale errors, soft mounting, impacts and jitter grow with
-the motion, so each density has a floor (stance) and a part relative to the motion (swing).
-"""
+"""What the smoother assumes about sensor, foot and walk, as far as an ablation or a user varies it."""
 
 from __future__ import annotations
 

@@ -15,13 +15,9 @@
 
 Swing noise. `gyr_relative_density` k (1/sqrt(Hz)) makes the rate noise of a swinging foot: s_w^2 = density^2 + (k
 |w|)^2. The walk has the mean of k^2 over `LEVELS`, weighted by evidence (`sensitivity`) of a few dozen strides, in up
-to `PIECES` stretches, linearized at the minimum with the largest k. A piece alone may show a larger mean, and then that
-is taken. The noise covariance of an interval is linear in k^2, so two preintegrations give it for every k:
+to `PIECES` stretches. The noise covariance of an interval is linear in k^2, so two preintegrations give it for every k:
 
     S(k) = S(k0) + (k^2 - k0^2) / (k1^2 - k0^2) (S(k1) - S(k0))
-
-Clipped peaks are rebuilt from their flanks (`fg_nav.samples.readings`); one factor a walk on all, with the prior 1 +-
-`OFF_SHARE`, is chosen among `HEIGHTS` by the same evidence.
 
 Refused stances. Let the velocity of the stance of footfall k be off by a constant d_k (nav, m/s) in all its rows. With
 their residuals e_k at the minimum, whitened, H_k how they change with d_k, J their Jacobian and P the covariance of
@@ -32,22 +28,18 @@ their variables,
 T_k is by how much twice the error falls at the minimum where d_k is free (a deletion diagnostic; Cook 1977), chi^2 of
 three degrees of freedom where the stance is one: one pass down the triangle, each footfall a group with G = J^T H.
 
-Bias walk. From one bias variable to the next, t seconds later, each axis changes by q sqrt(t), one sigma. What lies
-between the nodes at which the bias changes is eliminated once, and the chain that is left for each level of q. The walk
-has the mean of q^2 over `WALK_LEVELS_DEG_S`, weighted by evidence and `WALK_PRIOR`: so no level has to win.
+Bias walk. From one bias variable to the next, t seconds later, each axis changes by q sqrt(t), one sigma. The walk has
+the mean of q^2 over `WALK_LEVELS_DEG_S`, weighted by evidence and `WALK_PRIOR`: so no level has to win.
 
-Bias prior. That of the first bias variable is a mixture p(b) = sum_l p_l N(b; mu, s_l^2 I), s_l = (`SIGMA_LEVELS`) s0.
-The walk is solved with s0 first: mean m and covariance P of the bias. The information of the walk alone is
+Bias prior, a mixture p(b) = sum_l p_l N(b; mu, s_l^2 I), s_l = (`SIGMA_LEVELS`) s0. The walk is solved with s0 first:
+mean m and covariance P of the bias. With the information of the walk alone, posterior and evidence of each level are,
+up to a constant, in closed form (MacKay 2003, section 28)
 
-    Lambda = P^-1 - I / s0^2,     eta = P^-1 m - mu / s0^2,
-
-and under another level its posterior and its evidence are, up to a constant, in closed form (MacKay 2003, section 28)
-
+    Lambda = P^-1 - I / s0^2,     eta = P^-1 m - mu / s0^2,     d = eta - Lambda mu,
     P_l = (Lambda + I / s_l^2)^-1,     m_l = P_l (eta + mu / s_l^2),
-    log p(z | s_l) = 1/2 d^T (Lambda + I / s_l^2)^-1 d - 1/2 log|I + s_l^2 Lambda|,     d = eta - Lambda mu.
+    log p(z | s_l) = 1/2 d^T (Lambda + I / s_l^2)^-1 d - 1/2 log|I + s_l^2 Lambda|.
 
-The Gaussian prior that leads to mean m* and covariance P* of the mixture, of information P*^-1 - Lambda, takes the
-place of the first, and the walk is solved again from its solution.
+The Gaussian prior that leads to mean and covariance P* of the mixture, of information P*^-1 - Lambda, takes its place.
 """
 
 from __future__ import annotations
@@ -55,7 +47,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
-from typing import NamedTuple, cast
+from typing import cast
 
 import gtsam
 import numpy as np
@@ -63,7 +55,7 @@ from gtsam.symbol_shorthand import B, V, X
 from scipy.linalg import block_diag
 from scipy.ndimage import maximum_filter1d
 
-from fg_nav.arrays import Bools, Floats
+from fg_nav.arrays import Floats
 from fg_nav.detection import Rest
 from fg_nav.detection.rest import RollingLever, estimate_lever, find_start
 from fg_nav.detection.stance import Stances
@@ -113,26 +105,22 @@ class StanceStatistics:
     statistic: Floats
     velocity: Floats
 
-    def refused(self) -> Bools:
-        """Return whether each stance (F,) is refused: T above threshold, a local maximum, |d| beyond rolling."""
-        largest = self.statistic >= maximum_filter1d(self.statistic, 2 * NEIGHBORS + 1)
-        speed = np.linalg.norm(self.velocity, axis=1)
-        limit = np.where(speed > SWINGS_M_S, MIN_OF_SWING, MIN_STATISTIC)
-        return np.asarray(largest & (self.statistic > limit) & (speed > MIN_SPEED_M_S))
-
 
 def weaken_refused_stances(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solved]:
     """Return the problem with inflated sigmas on stances that fail their test (T too large), and its new solution."""
     refused = np.zeros(len(problem.nodes.result), dtype=np.bool_)
     for _ in range(ROUNDS):
-        # Chi^2 and velocity of each stance, by the rest of the walk (leave-one-out).
+        # Refused: T above its threshold and a local maximum, |d| beyond rolling.
         found = compute_stance_statistics(problem, solved)
-        now = found.refused()
+        speed = np.linalg.norm(found.velocity, axis=1)
+        limit = np.where(speed > SWINGS_M_S, MIN_OF_SWING, MIN_STATISTIC)
+        largest = found.statistic >= maximum_filter1d(found.statistic, 2 * NEIGHBORS + 1)
+        now = largest & (found.statistic > limit) & (speed > MIN_SPEED_M_S)
         if not now.any():
             break
         # Inflate their sigma to the speed found, and solve again.
         refused |= now
-        off = np.where(now, np.linalg.norm(found.velocity, axis=1), 0.0)[problem.nodes.footfall]
+        off = np.where(now, speed, 0.0)[problem.nodes.footfall]
         ties = problem.velocities.residuals
         assert isinstance(ties, StanceVelocity)
         ties = replace(ties, sigma=np.hypot(ties.sigma, off[:, None]))
@@ -181,20 +169,15 @@ def _group_ties(root: SquareRoot, block: ResidualBlock, nodes: Nodes, products: 
     return groups
 
 
-class SwingNoise(NamedTuple):
-    """The level `gyr_relative_density` (1/sqrt(Hz)) for a walk, and in words how it came about."""
-
-    gyr_relative_density: float
-    note: str
-
-
-def choose_swing_noise(recording: Recording, stances: Stances, known: Known, p: SmootherParameters) -> SwingNoise:
-    """Average the swing noise density over `LEVELS`, by their evidence; that of `p` where the walk is too short."""
+def choose_swing_noise(
+    recording: Recording, stances: Stances, known: Known, p: SmootherParameters
+) -> tuple[float, str]:
+    """Return the swing noise, 1/sqrt(Hz), the mean over `LEVELS` by evidence, of a short walk that of `p`; a note."""
     evidence, strides = _measure_evidence(recording, stances, known, p)
     level, source = p.gyr_relative_density, ": too few strides to see it from"
     if len(evidence):
         level, source = average_level(LEVELS, evidence), f", the evidence of {format_count(strides, 'stride')}"
-    return SwingNoise(level, f"swing noise {np.degrees(level):.2g} deg/s/sqrt(Hz) per rad/s{source}")
+    return level, f"swing noise {np.degrees(level):.2g} deg/s/sqrt(Hz) per rad/s{source}"
 
 
 def _measure_evidence(
@@ -315,19 +298,15 @@ def walk_problem(
     progress: Callable[[float], None] | None = None,
     in_progress: bool = False,
 ) -> WalkProblem:
-    """Make the problem of a walk from what its recording shows, with values near its minimum.
-
-    `heading` of the body's x axis at the start, rad clockwise from north; None where it is not known: then zero. Of a
-    walk `in_progress` a rest that is accepted only because it touches the recording's end is dropped.
-    """
-    # Start and rests.
+    """Make the problem of a walk from what its recording shows, with values near its minimum; `heading` as `smooth`."""
+    # Start and rests; of a walk in progress without one that is accepted only because it touches the recording's end.
     start = find_start(recording, stances, heading or 0.0, p.rest)
     rests, first = start.rests, recording.t[0] + 1.0
     if in_progress:
         rests = tuple(one for one in rests if one.lasts(recording, p.rest.shortest_s) or recording.t[one.start] < first)
     # Bias, lever and swing noise.
-    recording, known, swing = _estimate_known(recording, stances, rests, p)
-    p = replace(p, gyr_relative_density=swing.gyr_relative_density)
+    recording, known, swing_noise = _estimate_known(recording, stances, rests, p)
+    p = replace(p, gyr_relative_density=swing_noise)
     # Nodes, factors and initial values.
     problem = build_problem(recording, stances, start.nav_R_body, known, p, heading is not None, progress)
     problem = add_barometer(problem, stances)
@@ -345,12 +324,12 @@ def walk_problem(
 def estimate_swing_noise(recording: Recording, stances: Stances, p: SmootherParameters) -> float:
     """Return the noise of the rate in a swing, 1/sqrt(Hz), that the smoother uses on this walk."""
     rests = find_start(recording, stances, parameters=p.rest).rests
-    return _estimate_known(recording, stances, rests, p)[2].gyr_relative_density
+    return _estimate_known(recording, stances, rests, p)[2]
 
 
 def _estimate_known(
     recording: Recording, stances: Stances, rests: tuple[Rest, ...], p: SmootherParameters
-) -> tuple[Recording, Known, SwingNoise]:
+) -> tuple[Recording, Known, float]:
     """Return the recording with scaled rebuilt peaks, bias prior, lever and rests (`Known`), and the swing noise."""
     mean = np.radians(p.gyro_bias_deg_s)
     # Bias to start from, and sigma of the prior about its mean that the walk is solved with first. Where rests show a
@@ -366,11 +345,11 @@ def _estimate_known(
     else:
         lever = estimate_lever(recording, stances)
     known = Known(bias, mean, sigma, rests, lever)
-    swing = SwingNoise(p.gyr_relative_density, "swing noise as given")
+    swing_noise, note = p.gyr_relative_density, "swing noise as given"
     if p.choose_swing_noise:
         known = replace(known, peak_height=choose_peak_height(recording, stances, known, p))
         recording = recording.raise_peaks(known.peak_height)
-        swing = choose_swing_noise(recording, stances, known, p)
+        swing_noise, note = choose_swing_noise(recording, stances, known, p)
     # The same in words.
     notes = []
     if any(p.gyro_bias_deg_s):
@@ -391,7 +370,7 @@ def _estimate_known(
     if known.peak_height != 1.0:
         times = f"{known.peak_height:g} times"
         notes.append(f"clipped peaks of the rate are taken {times} as high above the range as their flanks say")
-    return recording, replace(known, notes=(*notes, swing.note)), swing
+    return recording, replace(known, notes=(*notes, note)), swing_noise
 
 
 def average_bias_walk(problem: WalkProblem, stacks: Sequence[Stack]) -> WalkProblem:
@@ -413,7 +392,15 @@ def average_bias_walk(problem: WalkProblem, stacks: Sequence[Stack]) -> WalkProb
     chain = linear.eliminate_before(int(between.sum()))
     # The evidence of each level, and the mean variance.
     levels = assumed / WALK_LEVELS_DEG_S[0] * np.array(WALK_LEVELS_DEG_S)
-    evidence = np.array([_weigh_bias_walk(chain, changes, level / assumed) for level in levels])
+    evidence = np.zeros(len(levels))
+    for k, by in enumerate(levels / assumed):
+        scaled, noise = [], 0.0
+        for bias_keys, rows in changes:
+            rows = rows.copy()
+            rows[:, GYRO] /= by
+            scaled.append(Stack(bias_keys, rows))
+            noise += 3 * len(bias_keys) * np.log(by)
+        evidence[k] = chain.join(scaled).minus_log_evidence(noise)
     level = float(np.sqrt(average(levels**2, evidence, np.array(WALK_PRIOR))))
     # The random-walk factors with the averaged sigma.
     graph = gtsam.NonlinearFactorGraph()
@@ -421,9 +408,8 @@ def average_bias_walk(problem: WalkProblem, stacks: Sequence[Stack]) -> WalkProb
         if isinstance(factor, Change):
             sigmas = np.array(cast("gtsam.noiseModel.Diagonal", factor.noiseModel()).sigmas())
             sigmas[GYRO] *= level / assumed
-            noise = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
             before, after = factor.keys()
-            factor = Change(before, after, factor.measured(), noise)
+            factor = Change(before, after, factor.measured(), gtsam.noiseModel.Diagonal.Sigmas(sigmas))
         graph.push_back(factor)
     problem = replace(problem, graph=graph, parameters=replace(problem.parameters, gyro_bias_walk_deg_s=level))
     count = sum(len(one.keys) for one in changes)
@@ -432,21 +418,10 @@ def average_bias_walk(problem: WalkProblem, stacks: Sequence[Stack]) -> WalkProb
     )
 
 
-def _weigh_bias_walk(chain: LinearWalk, changes: Sequence[Stack], by: float) -> float:
-    """Return -log evidence of the walk with the gyro-bias random-walk sigmas in `changes` multiplied by `by`."""
-    scaled, noise = [], 0.0
-    for keys, rows in changes:
-        rows = rows.copy()
-        rows[:, GYRO] /= by
-        scaled.append(Stack(keys, rows))
-        noise += 3 * len(keys) * np.log(by)
-    return chain.join(scaled).minus_log_evidence(noise)
-
-
 def average_bias_prior(problem: WalkProblem, solved: Solved) -> WalkProblem | None:
     """Return the problem with the prior of the gyro bias that its solution shows; None where the walk would stay."""
     known, mean = problem.known, solved.values.atConstantBias(B(0)).gyroscope()
-    covariance = solved.root.covariances({B(0)})[B(0)][GYRO, GYRO]
+    covariance = solved.root.joint_covariances([[B(0)]])[0][GYRO, GYRO]
     prior_mean, prior, shift, level = match_mixture(mean, covariance, known.gyro_bias_mean, known.gyro_bias_sigma)
     if shift < 1.0:
         return None

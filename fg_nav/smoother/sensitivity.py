@@ -28,14 +28,11 @@ gyro scale    w = (1 + s) w_true + b on each axis, where the magnetic field show
                   D = (theta, rho, nu),   theta' = R c,   nu' = (theta) x R f,   rho' = nu,   c = -(w - b) per axis,
 
               R the attitude and f the specific force since its start: J = -(de/dpose_end, de/dv_end nav_R_end) D. Each
-              half of the walk has an s of its own, z = (s_1, s_2), and three models are as likely before the walk:
-              nothing but what is alike (`ALIKE_SIGMA`), one scale (`SCALE_SIGMA` more in both halves), two that have
-              nothing to do with each other. Only the second is taken off; nats by which tilt and velocity close worse
-              with it count against it. The rest is counted, by the second moment over the models (Hoeting et al. 1999).
+              half of the walk has an s of its own, and three models are as likely before the walk: nothing but what
+              is alike (`ALIKE_SIGMA`), one scale (`SCALE_SIGMA` more), two that have nothing to do with each other.
+              Only the second is taken off; the rest is counted (`docs/models.md`; Hoeting et al. 1999).
 clipped peaks of the rate, rebuilt, are off alike on one side of an axis: the same columns with c = -sigma of the peak
               there, 0 +- 1. They are counted.
-
-Model of the scale: IEEE Std 528; D is this project's derivation, tested against preintegration of corrected samples.
 
 Footfalls. The errors of two footfalls are nearly the same error: heading and scale belong to the walk. With e_k (4,)
 the error of footfall k, east, north, up (m) and yaw (rad), T_k the map of the tangent space of pose k to e_k, n
@@ -43,14 +40,13 @@ combinations c of weights w_k (4, n) and g_k = T_k^T w_k,
 
     cov(c) = g^T (R^T R)^-1 g = Y^T Y,    R^T Y = g,    cov(e_k, c) = T_k X_k,    R X = Y.
 
-Numbers that the triangle does not hold move pose k by L_k a, a of unit covariance; that adds L_k sum_l L_l^T g_l. The
-length of the path has the weights w_k = u_k - u_(k+1), u the unit vectors of its moves.
+Numbers that the triangle does not hold move pose k by L_k a, a of unit covariance; that adds L_k sum_l L_l^T g_l.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import gtsam
@@ -62,7 +58,6 @@ from fg_nav.factors.differential_field import GYRO
 from fg_nav.factors.residual import Keys
 from fg_nav.factors.zero_velocity import StanceVelocity
 from fg_nav.mechanisation import rotate_in_body
-from fg_nav.recording import Recording
 from fg_nav.samples.gaps import cross_holes
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.solver import (
@@ -120,15 +115,12 @@ class SharedColumns:
 
 
 class SharingFactors(NamedTuple):
-    """K factors of a kind |A x + C s - b|^2, linearized with the walk.
+    """K factors of a kind |A x + C s - b|^2, linearized with the walk."""
 
-    A (K, r, d) in the variables `keys` (K, v), b (K, r) and C (K, r, n).
-    """
-
-    A: Floats
-    b: Floats
-    keys: Sequence[Sequence[int]] | Keys
-    C: Floats
+    A: Floats  # (K, r, d).
+    b: Floats  # (K, r).
+    keys: Sequence[Sequence[int]] | Keys  # (K, v).
+    C: Floats  # (K, r, n).
 
 
 def shared_information(
@@ -236,10 +228,6 @@ class GyroScale:
         share = 100.0 * self.probability
         return f"gyroscope's scale errors {axes} %, taken off: both halves of the walk agree on them by {share:.0f} %"
 
-    def remove_from(self, recording: Recording) -> Recording:
-        """Return the recording with the rates without these errors."""
-        return replace(recording, gyr=recording.gyr / (1.0 + self.scale))
-
 
 @dataclass(frozen=True)
 class WalkScale:
@@ -279,10 +267,7 @@ def estimate_gyro_scale(problem: WalkProblem, solved: Solved) -> WalkScale:
 
 
 def average_models(information: Floats, pull: Floats, worse_nats: float = 0.0) -> GyroScale:
-    """Average scale errors over the three models, by information L (6, 6) and its vector eta (6,) of both halves.
-
-    `worse_nats` are taken off the log evidence of one scale for the whole walk.
-    """
+    """Average the three models, by L (6, 6) and eta (6,) of both halves; one scale has `worse_nats` less evidence."""
     same, own = np.kron(np.ones((2, 2)), np.eye(3)), np.eye(6)
     alike = ALIKE_SIGMA**2 * (same + MIN_OWN * own)
     priors = alike, alike + SCALE_SIGMA**2 * same, alike + SCALE_SIGMA**2 * own
@@ -329,10 +314,7 @@ def spread_clipped_peaks(problem: WalkProblem, solved: Solved) -> Floats:
 
 
 def _share_rate_errors(problem: WalkProblem, values: gtsam.Values, *errors: Floats) -> Iterator[SharingFactors]:
-    """Yield the inertial factors with their columns of three numbers, one an axis, for each error of the rate.
-
-    An error (N, 3) is what an axis reads too much for a unit of its number, rad/s.
-    """
+    """Yield the inertial factors with columns of three numbers, for each error (N, 3) rad/s of the axes by a unit."""
     recording, nodes, graph = problem.recording, problem.nodes, problem.graph
     given = recording.t, *recording.integrable, nodes.sample, _list_rate_biases(problem, values)
     moved = np.concatenate([sense_rate_error(*given, error) for error in errors], axis=2)

@@ -3,10 +3,8 @@
     repeat   linearize, eliminate, step; halve the step while it raises the error
     until    the error after the step is the one that the linear model promised
 
-where the model holds its minimum is that of the graph: one linearization less than waiting for a step that changes
-nothing, and its triangle serves for the marginals (`square_root`). The outer loop is in Python, so that no factor is
-handed a copy of the values. What is minimized is a `System`: a walk (`WalkSystem`), or two feet (`feet`). On a chain
-the order of time is as good as any and leaves the last footfall at the root.
+where the model holds its minimum is that of the graph, and its triangle serves for the marginals (`square_root`). What
+is minimized is a `System`: a walk (`WalkSystem`), or two feet (`feet`).
 """
 
 from __future__ import annotations
@@ -193,10 +191,7 @@ def list_in_time(
 
 
 def split_tied(keys: Keys, nodes: Nodes, tied: Ints) -> tuple[Bools, Bools]:
-    """Whether each key is of a tied footfall, its node, bias, settling and state of the field; and of what many join.
-
-    `tied` (n,) are footfalls of the walk.
-    """
+    """Whether each key is of a footfall `tied` (n,): node, bias, settling or field; and whether of what many join."""
     node, bias = nodes.result[tied], np.unique(nodes.bias[tied])
     kinds = (("x", node), ("v", node), ("m", tied), ("b", bias), ("s", bias))
     names = [(ord(letter) << LETTER_SHIFT) + number.astype(np.uint64) for letter, number in kinds]
@@ -248,10 +243,7 @@ def dimension_of(key: int) -> int:
 def residuals_at_minimum(
     root: SquareRoot, keys: Sequence[Sequence[int]] | Keys, residual: Floats, jacobian: Floats
 ) -> Floats:
-    """Return the residuals (K, r) of K factors at the minimum of a tree.
-
-    `residual` (K, r) and `jacobian` (K, r, d), by the variables `keys`, are those where the tree was linearized.
-    """
+    """Return the residuals (K, r) of K factors at the minimum of a tree, from those where it was linearized."""
     return np.asarray(residual + (jacobian @ root.step[root.find_columns(keys)][..., None])[..., 0])
 
 

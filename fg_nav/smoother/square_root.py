@@ -15,7 +15,6 @@ variable and separator, so
 
 P the covariance, P_SS known from the parent. With a group of variables along a path of the tree, as those of a
 footfall, comes the covariance K of all others there with G^T x of the group, and G^T P G: P G is added front by front.
-Of the covariance only what is wanted is kept, and the rest freed once no child needs it.
 """
 
 from __future__ import annotations
@@ -53,14 +52,11 @@ EXACT_WEIGHT = 1e6  # Of a row without a sigma: a caller's factor may be a const
 
 
 class Wanted(NamedTuple):
-    """Joint covariances to find, each of columns of one front.
+    """Joint covariances to find, each of columns of one front."""
 
-    `of_column` (N,) number of that whose first column this is, or -1, `columns` (K, d), `found` (K, d, d) to write.
-    """
-
-    of_column: Ints
-    columns: Ints
-    found: Floats
+    of_column: Ints  # (N,) number of that whose first column this is, or -1.
+    columns: Ints  # (K, d).
+    found: Floats  # (K, d, d) to write.
 
 
 class Groups(NamedTuple):
@@ -319,12 +315,6 @@ def _stack(keys: Sequence[int], rows: Sequence[Floats]) -> Stack:
     return Stack(np.array(keys, dtype=np.uint64).reshape(len(rows), -1), np.stack(rows))
 
 
-def find_sizes(keys: Keys) -> Ints:
-    """Find the dimensions (V,) of the variables."""
-    letter, kind = np.unique(keys >> np.uint64(LETTER_SHIFT), return_inverse=True)
-    return np.array([DIMENSION[one] for one in letter.tolist()], dtype=np.int64)[kind]
-
-
 @dataclass(frozen=True)
 class LinearWalk:
     """Linear factors in variables `keys` (V,), in the order of elimination, of which those before `begin` are gone.
@@ -356,10 +346,7 @@ class LinearWalk:
         return replace(self, factors=(*self.factors, *further))
 
     def eliminate(self) -> tuple[SquareRoot, LinearWalk]:
-        """Eliminate all variables; return the triangle, and what is left, without factors.
-
-        Raises `EstimationError` where there is no unique solution, as `eliminate_before`.
-        """
+        """Eliminate all variables; return the triangle, and what is left; `EstimationError` without one solution."""
         fronts, right, left = self._eliminate(len(self.keys))
         return SquareRoot(fronts, right, self.keys, self._size), left
 
@@ -377,7 +364,9 @@ class LinearWalk:
 
     @cached_property
     def _size(self) -> Ints:
-        return find_sizes(self.keys)
+        """Dimensions (V,) of the variables."""
+        letter, kind = np.unique(self.keys >> np.uint64(LETTER_SHIFT), return_inverse=True)
+        return np.array([DIMENSION[one] for one in letter.tolist()], dtype=np.int64)[kind]
 
     def _eliminate(self, end: int) -> tuple[Fronts, Floats, LinearWalk]:
         later = []

@@ -1,26 +1,17 @@
 """From samples to strides, and from strides to factors: a walk is its strides, added one after the other.
 
-Variables: pose X and velocity V at each node, and nodes stand in stances only: one at each end and more between, so
-that the inertial measurements tie the still middle to the rolling ends, the nearest moved onto the footfall's stillest
-sample, where results are given. For the footfalls of ten seconds one bias B and one excess S of the settling of the
-sole. A stride is a footfall and the swing that led to it. It adds
+Variables: pose X and velocity V at each node, nodes in stances only (`place_nodes`), which ties the still middle to the
+rolling ends; for the footfalls of ten seconds one bias B and one excess S, m, of the settling of the sole, which
+nothing inertial shows. A stride is a footfall and the swing that led to it. It adds
 
 * inertial factors from the last node of the footfall before, through all nodes of this one; where samples are missing
   for too long, in place of one what a person can have done;
-* at each node the velocity of the stance (`factors.zero_velocity`), V = R (w x l) + settling - S / (duration of the
-  stance) up, with a sigma that grows with how fast the foot turns and how far its specific force is from gravity there;
+* at each node the velocity of the stance (`factors.zero_velocity`);
 * where a new bias begins, random-walk factors of B and S from those before;
 * for each rest in the footfall, what it shows of the gyro bias.
 
-The sole of one walk settles in all its stances alike, by more or by less than expected, and nothing inertial shows it.
-So S is a variable, m: known to its prior, and estimated where floors or fixes show the height (`docs/models.md`).
-
-The first footfall has in place of the swing a prior on the bias, and the gauge: position and heading by definition,
-tilt from gravity.
-
-Preintegration is Galilean, each sample held over its own period, with the noise of a moving foot as the mean over an
-interval (`docs/models.md`); samples of extra sigma (`find_extra_sigmas`) have it at their own time. A gap is
-integrated in steps of the sample period: within a step, what turns does not yet move.
+The first footfall has in place of the swing priors on bias and settling, and the gauge (`graph.StartPrior`).
+Preintegration is Galilean, with the noise of a moving foot as the mean over an interval (`docs/models.md`).
 
 Compounding, for speed. A block of samples turns the body by R and moves it by v (m/s) and p (m) in T seconds, exactly
 (`mechanisation`, without gravity). The two samples that stand for it hold one rate w for all of T, and a specific force
@@ -33,14 +24,11 @@ and as all functions of [theta] commute, with s = Gamma_1^-1 v / h,
 
     f_1 = Gamma_1^-1 (p / h^2 - Gamma_2 s),    f_2 = Exp(theta)^T (s - f_1).
 
-So R, v and p between two nodes are those of the samples, coning and sculling with them. How they change with the bias
-and the covariance of their noise are those of the two: they differ by the square of what turns in a block, which ends
-before it has turned by `MAX_TURN_RAD` or lasts `MAX_S`, by which the sigmas of a walk are right to 1 %, and its end
-moves by 1 % of its sigma at most.
+So R, v and p between two nodes are those of the samples. Their bias Jacobian and noise are those of the two, which
+differ by the square of what turns in a block: sigmas by 1 %, with blocks of `MAX_TURN_RAD` and `MAX_S` at most.
 
-Unseen walks. In a gap of more than `MAX_HELD_S` nothing shows how the foot moved, and the inertial measurement of the
-interval is given up. Between the nodes on either side, of a time T apart, the foot has walked and turned
-(`factors.walk_constraints`) by
+Unseen walks. In a gap T of more than `MAX_HELD_S` nothing shows how the foot moved. Between the nodes on either side it
+has walked and turned (`factors.walk_constraints`) by
 
     0 +- WALKING_M_S d(T)      over ground on each axis
     0 +- CLIMBING_M_S d(T)     up
@@ -49,8 +37,7 @@ interval is given up. Between the nodes on either side, of a time T apart, the f
     d(T)^2 = 2 tau (T - tau (1 - exp(-T / tau))),     tau = `STRAIGHT_S`,
 
 the displacement of a velocity that is forgotten with the time tau (Fuerth 1920). With f the turn that makes the field
-there point as it did before, known to `FIELD_SIGMA_RAD` indoors, turn = f s^2 / (s^2 + FIELD_SIGMA_RAD^2), s the sigma
-of the turn; 0 without a field. The sigma stays that of a person: a compass has a second zero half a turn away.
+there point as it did before, turn = f s^2 / (s^2 + FIELD_SIGMA_RAD^2), s the sigma of the turn; 0 without a field.
 """
 
 from __future__ import annotations
@@ -170,15 +157,12 @@ def _mean_squares(t: Floats, acc: Floats, gyr: Floats, sample: Ints, gravity: fl
 
 
 class Compound(NamedTuple):
-    """Samples that stand for those between nodes: `force` (K, 3) m/s^2 and `rate` (K, 3) rad/s, held for `h` (K,) s.
+    """Samples that stand for those between nodes."""
 
-    Those from node k to the next are `first[k]` to `first[k + 1]`, (M,).
-    """
-
-    force: Floats
-    rate: Floats
-    h: Floats
-    first: Ints
+    force: Floats  # (K, 3) m/s^2.
+    rate: Floats  # (K, 3) rad/s.
+    h: Floats  # (K,) s, for which each is held.
+    first: Ints  # (M,) of those from each node to the next.
 
 
 @njit(cache=True)
@@ -314,10 +298,7 @@ def walk_for(elapsed_s: Floats) -> Floats:
 
 
 def _average_about(recording: Recording, node: int) -> tuple[Floats, Floats]:
-    """Mean specific force (3,) about a node, up to the next hole, and the attitude (3, 3) by it and the field there.
-
-    In that attitude the force points up and the field north; NaN without a field.
-    """
+    """Mean specific force (3,) about a node, and the attitude (3, 3) in which it is up and the field north, or NaN."""
     t = recording.t
     first, stop = np.searchsorted(t, [t[node] - REACH_S, t[node] + REACH_S])
     holes = find_holes(t[first:stop]) + first

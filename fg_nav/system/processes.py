@@ -2,14 +2,15 @@
 
 Signals that end a long job are an event that its loop checks: Python runs a handler between two lines of whatever the
 main thread does, and an exception that rises in a weak reference's callback or in `__del__` is printed and forgotten.
-Locks on files and folders end with the process that holds them, however that ends. A disk or a system without locks
-keeps nobody out.
+Locks on files and folders end with the process that holds them, however that ends. A disk without locks keeps nobody
+out.
 The folder for scratch keeps what is made once and read again where neither installation nor home can be written. It is
 read back as code (numba) or trusted (fonts): one that is somebody else's, a link, or that others may write is not used.
 """
 
 from __future__ import annotations
 
+import fcntl
 import gc
 import os
 import signal
@@ -32,7 +33,7 @@ from typing import Any, TypeVar
 
 OBJECTS_BETWEEN_COLLECTIONS = 50_000  # What is loaded stays: looking through it again and again takes a tenth of a run.
 OWNER_ONLY, OTHERS = 0o700, 0o077  # Modes of a folder.
-OF_TERMINAL = {signal.SIGINT, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])}  # To all processes of one.
+OF_TERMINAL = {signal.SIGINT, signal.SIGHUP}  # To all processes of one.
 
 T = TypeVar("T")
 
@@ -53,14 +54,10 @@ def start_module(name: str, *arguments: str, pass_fds: Iterable[int] = ()) -> su
 
 
 class Worker:
-    """Another process, for one function call after another; it starts with the first.
+    """Another process, for one function call after another; it starts with the first, by `set_up(*arguments)`.
 
     Neither Ctrl-C nor the end of a terminal reaches it, it imports from where this process does, what it prints is an
     error output, and it ends with this process, however that ends. The main script is not imported in it.
-
-    Parameters
-    ----------
-    set_up, arguments : function that is called first, and its arguments.
     """
 
     def __init__(self, set_up: Callable[..., None], *arguments: object) -> None:
@@ -163,19 +160,15 @@ def catch_signals(*numbers: signal.Signals) -> Iterator[threading.Event]:
 
 
 def lock(descriptor: int) -> bool:
-    """Lock an open file or folder until it is closed; return False if the system has no locks.
+    """Lock an open file or folder until it is closed; return False if its disk has no locks.
 
     Raises `BlockingIOError` where another has it.
     """
     try:
-        import fcntl
-    except ImportError:  # Windows
-        return False
-    try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         raise
-    except OSError:  # a disk without locks
+    except OSError:
         return False
     return True
 

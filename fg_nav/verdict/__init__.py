@@ -7,64 +7,14 @@ from which on it is of no use. Others contradict walking itself, each between tw
 the weight is linear in the logarithm. The heaviest sign decides, and signs of `MANY` together spoil a path as one of
 weight 2 does.
 
-==================== ===============================================================================================
-error, m             measure
-==================== ===============================================================================================
-region               claimed 95 % region of the end: no use beyond a tenth of the way
-bias                 turning about up that the solution leaves in the rests, linear between them, along the way; a rest
-                     counts by its excess over its sway. Without rests, the excess of the bias about level axes, which
-                     gravity shows, over the solution's prior about up
-hidden turning       turning about up in clipped peaks of the rate, one error in all peaks to the left and one in all to
-                     the right; where neither field nor fixes show the heading
-gravity              share by which the vertical force of a stride, from rest to rest, is not that of gravity, times the
-                     distance from the start: a scale. Median over the strides
-long stride          by which it is longer than half as much again as the walk's fastest strides would be in its time
-no footfall          motion, at the usual speed, before the first footfall and after the last; between them the residual
-                     velocity where a stance was due: after 1.6 usual swings, and 1.2 s; 2 s in any case
-cut                  motion, at the usual speed, in the parts of a recording that a hole cut off
-unseen               half of it in the gaps; the other foot sees too
-==================== ===============================================================================================
-
-==================== ======== ========= ======= =====================================================================
-contradiction        unit     doubtful  no use  basis
-==================== ======== ========= ======= =====================================================================
-footfalls            1/.      1/4       1/3     three strides or fewer are no walk
-velocity             share    0.15      0.3     strapdown with the solution's attitude and bias from one footfall to
-                                                the next: residual velocity over the fastest of the stride, half of
-                                                which is an error of the stride's length. Median
-open strides         share    0.2       0.5     strides with a residual of more than 0.3: no stance in some of them
-tilt                 deg      2         5       the same of the vertical: a gyroscope turns 100 deg in a swing, and a
-                                                scale error of 1 per cent makes 1 deg. Median
-turning              rad/s    0.8       1.2     rate in the stillest moment of a stance: 0.1 to 0.4 of a standing foot;
-                                                twice the limits in a run. Median
-shaking              rad/s    0.3       0.9     rate above 6 Hz in stances, where a shoe on the ground has come to
-                                                rest; twice the limits in a run. Median
-standing still       1/m      1/0.15    1/0.1   the median stride is shorter: no walk, or on the spot
-speed, height rate,  -        -         -       of a person, and why: `fg_nav.verdict.limits`; of the whole path,
-axes                                            before the first and after the last footfall too
-climbing             m        0.5       1       95 % quantile of the height of a stride: stairs make 0.36
-nominal rate         -        -         -       no stamps: the rate is nominal. Weight 0.8; its sigma is in those of
-                                                positions and distance
-smoothed             -        100       10^4    power of the force at 1 to 4 Hz over that at 8 to 12: 3 to 25 at a foot
-high-pass            nats     7         14      evidence for one in the gyroscope (`fg_nav.detection.sensor_processing`)
-bad samples          share    0.005     0.05    unused ones: at 200 Hz one in every stride, or ten; others may be as
-                                                wrong and unnoticed
-heading              deg      30        90      the solution's own sigma at the end
-rate                 -        -         -       named beside other signs: below 80 Hz, as a heel strikes within 20 ms
-worn                 -        -         -       the turning is not that of a foot (`detection.mount`): names its like;
-                                                a thigh is of no use
-magnetometer         -        -         -       its axes contradict the gyroscope's: weight 0.8, as it is left out
-height               sigma    -         -       a closed walk ends at another height by that many sigmas: weight 0.8
-                                                from 3 on, as it may be another floor
-==================== ======== ========= ======= =====================================================================
-
-In a pocket only signs that need no stances count: unseen, cut, bad samples, number of strides, speed, longest stride,
-axes, region and sigma of the heading. A path without a stride is judged by its samples alone.
+Each sign is a function of `WalkSigns`, or a step of `list_*_signs`, which says what it measures, and on what its limits
+(doubtful, no use) rest; those that online lines share are in `fg_nav.verdict.limits`. docs/files.md lists all of them.
+In a pocket only signs that need no stances count; a path without a stride is judged by its samples alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from functools import cached_property
 
 import numpy as np
@@ -101,7 +51,7 @@ DUE_SWINGS, DUE_S = 1.6, 1.2  # A stance is due when a swing has lasted for this
 LATEST_S = 2.0  # in any case after this: where most stances were missed no swing is usual.
 MOVING_RAD_S = 1.0  # Mean rate of a moving foot before or after all footfalls.
 OPEN_SHARE = 0.3  # Residual velocity at a stance over the swing's speed: its stride is wrong by half of it.
-LOW_RATE_HZ = 80.0  # A heel strikes within 20 ms.
+LOW_RATE_HZ = 80.0
 CLOSED_SHARE = 0.02  # Distance of the end from the start, over the way, of a walk that ends where it began.
 
 
@@ -168,17 +118,8 @@ class WalkSigns:
 # --- signs of samples and stances ------------------------------------------------------------------------------------
 
 
-def measure_turning_at_stances(observed: WalkSigns) -> Reason:
-    """Rate of the sensor in its stances."""
-    table = observed.table
-    rate = np.median(np.linalg.norm(observed.recording.gyr[table.sample] - table.gyro_bias, axis=1))
-    return Reason(
-        weigh(rate / observed.gait, 0.8, 1.2), f"the foot does not stand: it turns by {rate:.1f} rad/s in its stances"
-    )
-
-
 def measure_shaking(observed: WalkSigns) -> Reason:
-    """Ringing of the sensor on the shoe in stances."""
+    """Median rate above 6 Hz in the stances, where a shoe on the ground has come to rest: twice as much in a run."""
     gyr, stances = observed.recording.gyr, observed.walk.stances
     power = sum((axis - remove_fast(axis, observed.recording.period_s)) ** 2 for axis in gyr.T)  # by axis: less memory
     mean = np.add.reduceat(power, np.column_stack([stances.start, np.minimum(stances.stop, len(gyr) - 1)]).ravel())[::2]
@@ -192,7 +133,8 @@ def measure_shaking(observed: WalkSigns) -> Reason:
 def measure_time_without_footfall(observed: WalkSigns) -> Reason | None:
     """Untracked motion before the first footfall and after the last, and error of strides in which a stance was due.
 
-    Between two footfalls the strapdown goes on: half of the variance of the residual velocity v of a stride of time T
+    A stance is due after 1.6 usual swings and 1.2 s, in any case after 2 s. Outside, motion counts at the usual speed;
+    between two footfalls the strapdown goes on: half of the variance of the residual velocity v of a stride of time T
     is that of a random walk, which leaves a position error v T / sqrt(12); the other half grew evenly, and leaves none.
     """
     stances, t = observed.walk.stances, observed.recording.t
@@ -223,16 +165,8 @@ def measure_time_without_footfall(observed: WalkSigns) -> Reason | None:
     return max(lost, missed, key=lambda reason: reason.weight)
 
 
-def measure_cut(observed: WalkSigns) -> Reason:
-    """Part of the recording that a hole cut off."""
-    cut_s = observed.walk.recording.provenance.cut_samples * observed.recording.period_s
-    words = f"{cut_s:.0f} s of the recording are cut off by a hole, and not used"
-    speed = max(observed.usual_m_s, observed.way / max(observed.recording.duration_s, 1e-9))
-    return limits.judge_unfollowed(cut_s, speed, observed.sigma, observed.way, words)
-
-
 def measure_gap(observed: WalkSigns) -> Reason:
-    """Motion in the gaps, at one sigma: half of each at the usual speed, root sum square of all."""
+    """Motion in the gaps, at one sigma: half of each at the usual speed, root sum square of all; either foot sees."""
     longest_s = float(observed.recording.gaps.unseen_s.max(initial=0.0))
     words, beside = f"nothing was recorded for {longest_s:.2f} s amid the walk", observed.walk.beside
     unseen_s = observed.recording.gaps.unseen_s
@@ -245,15 +179,8 @@ def measure_gap(observed: WalkSigns) -> Reason:
     return Reason(max(weight, 1.0 if alone else UNSEEN), words)
 
 
-def check_rate(observed: WalkSigns) -> Reason | None:
-    """A low sample rate, as a possible cause of other signs."""
-    rate_hz = 1.0 / observed.recording.period_s
-    words = f"the sample rate of {rate_hz:.0f} Hz is low for a foot"
-    return Reason(NAMING, words) if rate_hz < LOW_RATE_HZ else None
-
-
 def check_mount(observed: WalkSigns) -> Reason | None:
-    """Turning that contradicts the stated mount: of a thigh on a foot, of a foot in a pocket, or of neither."""
+    """Turning that contradicts the mount as given: a thigh's on a foot, a foot's in a pocket, or names its like."""
     turning = measure_turning(observed.recording)
     wearing = turning.wearing
     on_foot = observed.walk.options.mount != "pocket"
@@ -275,7 +202,10 @@ def check_mount(observed: WalkSigns) -> Reason | None:
 
 
 def measure_velocity_closure(observed: WalkSigns) -> Reason:
-    """Residual velocity of the strides where the foot stands."""
+    """Median residual velocity of the strides where the foot stands, over the fastest of the swing.
+
+    Half of it is an error of the stride's length.
+    """
     left = np.median(np.linalg.norm(observed.ends[0], axis=1))
     share = left / max(np.median(observed.fastest), 1e-3)
     words = (
@@ -285,7 +215,7 @@ def measure_velocity_closure(observed: WalkSigns) -> Reason:
 
 
 def count_open_strides(observed: WalkSigns) -> Reason:
-    """Share of the strides with a large residual velocity."""
+    """Share of the strides with a residual velocity above `OPEN_SHARE`: there are stances missing in them."""
     left = np.linalg.norm(observed.ends[0], axis=1) / max(np.median(observed.fastest), 1e-3)
     share = float(np.mean(left > OPEN_SHARE))
     words = f"in {100 * share:.0f} % of the strides velocity does not close by a third of the swing's: no stances there"
@@ -293,31 +223,16 @@ def count_open_strides(observed: WalkSigns) -> Reason:
 
 
 def measure_tilt_closure(observed: WalkSigns) -> Reason:
-    """Error of the vertical from footfall to footfall."""
+    """Median error of the vertical from footfall to footfall, by the gyroscope alone.
+
+    It turns 100 deg in a swing, of which a scale error of 1 % makes 1 deg.
+    """
     up = observed.table.nav_R_body[1:, 2]
     tilt_deg = np.median(np.degrees(np.arccos(np.clip((observed.ends[1] * up).sum(axis=1), -1.0, 1.0))))
     words = (
         f"the gyroscope misses the vertical by {tilt_deg:.1f} deg a stride: its axes, scale or range, or it is loose"
     )
     return Reason(weigh(tilt_deg, 2.0, 5.0), words)
-
-
-def measure_stride(observed: WalkSigns) -> Reason:
-    """Median length of the strides."""
-    length = np.median(observed.lengths)
-    return Reason(weigh(1.0 / max(length, 1e-3), 1 / 0.15, 1 / 0.1), f"no walking: the median stride is {length:.2f} m")
-
-
-def measure_longest_stride(observed: WalkSigns) -> Reason:
-    """The stride with the largest excess over the length that a fast stride has in its time."""
-    t, speed = observed.table.t, observed.stride_speed
-    fast = float(np.quantile(speed, limits.FAST_SHARE, method="lower"))
-    excess = (speed - fast) * np.diff(t)
-    longest = int(np.argmax(np.where(np.isnan(excess), np.inf, excess)))
-    took = float(t[longest + 1] - t[longest])
-    return limits.judge_stride(
-        float(speed[longest]) * took, took, float(t[longest + 1]), fast, observed.sigma, observed.way
-    )
 
 
 def measure_speed(observed: WalkSigns) -> Reason:
@@ -331,21 +246,15 @@ def measure_speed(observed: WalkSigns) -> Reason:
 
 
 def measure_gravity(observed: WalkSigns) -> Reason:
-    """Mean vertical force of the strides, which begin and end at rest, against gravity."""
+    """Median vertical force of the strides, which begin and end at rest, against gravity: a scale of the path."""
     force = GRAVITY_M_S2 + observed.ends[0][:, 2] / np.diff(observed.table.t)
     moved = observed.table.position[:, :2] - observed.table.position[0, :2]
     reach = float(np.hypot(*moved.T).max())
     return limits.judge_gravity(np.median(force), reach, observed.sigma, observed.way)
 
 
-def measure_climbing(observed: WalkSigns) -> Reason:
-    """Height of the strides."""
-    climb = float(np.quantile(np.abs(observed.strides[:, 2]), 0.95))
-    return Reason(weigh(climb, 0.5, 1.0), f"strides climb or fall by {climb:.1f} m, more than stairs do")
-
-
 def compare_bias(observed: WalkSigns) -> Reason:
-    """Turning about up that the solution's bias leaves in the rests.
+    """Turning about up that the solution's bias leaves in the rests; a rest counts by its excess over its sway.
 
     Without a rest gravity shows the bias about level axes: where it exceeds the solution's prior about up, it is
     assumed to be as large there.
@@ -378,14 +287,8 @@ def compare_bias(observed: WalkSigns) -> Reason:
     return Reason(weigh_error(error, observed.sigma, observed.way), words)
 
 
-def measure_heading_sigma(observed: WalkSigns) -> Reason:
-    """Claimed sigma of the heading at the end."""
-    sigma = float(np.degrees(observed.table.heading_sigma[-1]))
-    return Reason(weigh(sigma, 30.0, 90.0), f"the heading at the end is known to {sigma:.0f} deg only")
-
-
 def measure_hidden_turning(observed: WalkSigns) -> Reason | None:
-    """Weigh the heading error that rebuilt gyroscope peaks leave in a filter; a graph has it in its sigmas."""
+    """Heading error that rebuilt gyroscope peaks leave in a filter; a graph has it in its sigmas."""
     recording, solution = observed.recording, observed.solution
     peaks = recording.peaks[1]
     if solution.graph or not peaks.run.any():
@@ -404,14 +307,8 @@ def measure_hidden_turning(observed: WalkSigns) -> Reason | None:
     return Reason(weigh_error(error, observed.sigma, observed.way), words)
 
 
-def measure_position_sigma(observed: WalkSigns) -> Reason:
-    """Claimed covariance of the end."""
-    table = observed.table
-    return limits.judge_position(table.position_cov[-1, :2, :2], observed.way, observed.walk.options.mount == "pocket")
-
-
 def compare_heights(observed: WalkSigns) -> Reason | None:
-    """Height of the end of a closed walk."""
+    """Height of the end of a closed walk, in its sigmas; light, as it may be another floor."""
     table = observed.table
     east, north, up = table.position[-1] - table.position[0]
     sigma = float(table.position_sigma[-1, 2])
@@ -421,87 +318,97 @@ def compare_heights(observed: WalkSigns) -> Reason | None:
     return Reason(LIGHT, f"it ends where it began, but {up:+.1f} m in height, {apart:.0f} of its sigmas")
 
 
-def check_mag_axes(observed: WalkSigns) -> Reason | None:
-    """Axes of the magnetometer that contradict the gyroscope's."""
-    aligned = observed.walk.magnetometer
-    if aligned is None or aligned.wrong_axes is None:
-        return None
-    return Reason(LIGHT, f"the magnetometer contradicts the gyroscope and is left out: {aligned.wrong_axes.warning}")
-
-
-def check_gyro_axes(observed: WalkSigns) -> Reason:
-    """Axes of the gyroscope that contradict the accelerometer's."""
-    measure = measure_swing_axes if observed.walk.options.mount == "pocket" else measure_axes
-    recording = observed.recording
-    return limits.judge_axes(measure(recording.t, recording.acc, recording.gyr))
-
-
-Sign = Callable[[WalkSigns], Reason | None]
-
-SIGNS_WITHOUT_STRIDES: tuple[Sign, ...] = (
-    lambda observed: limits.judge_strides(len(observed.strides), observed.recording.duration_s),
-    lambda observed: limits.judge_rate(observed.walk.recording.provenance.rate_sigma),
-    measure_gap,
-    measure_cut,
-    lambda observed: limits.judge_bad_samples(observed.walk.recording),
-    check_mount,
-)
-
-SIGNS_IN_POCKET: tuple[Sign, ...] = (
-    measure_speed,
-    measure_longest_stride,
-    check_gyro_axes,
-    measure_heading_sigma,
-    measure_position_sigma,
-    *SIGNS_WITHOUT_STRIDES,
-)
-
-SIGNS: tuple[Sign, ...] = (
-    measure_velocity_closure,
-    count_open_strides,
-    measure_tilt_closure,
-    measure_turning_at_stances,
-    measure_shaking,
-    check_rate,
-    lambda observed: limits.judge_filters(observed.recording, observed.walk.stances),
-    measure_time_without_footfall,
-    measure_stride,
-    measure_longest_stride,
-    measure_speed,
-    measure_climbing,
-    lambda observed: limits.judge_height_rate(
-        *limits.find_height_rate(observed.table.t, observed.table.position[:, 2])
-    ),
-    measure_gravity,
-    check_gyro_axes,
-    compare_bias,
-    measure_heading_sigma,
-    measure_hidden_turning,
-    measure_position_sigma,
-    *SIGNS_WITHOUT_STRIDES,
-    check_mag_axes,
-    compare_heights,
-)
+# --- the verdict -----------------------------------------------------------------------------------------------------
 
 
 def judge_path(walk: Walk, solution: Solution) -> Verdict:
     """Judge the solution of a walk by all signs that apply to its mount; return word and reasons."""
-    observed = WalkSigns(walk, solution)
-    signs = SIGNS_IN_POCKET if walk.options.mount == "pocket" else SIGNS
-    found = [measure(observed) for measure in (signs if len(solution.stances) > 1 else SIGNS_WITHOUT_STRIDES)]
+    observed, has_strides = WalkSigns(walk, solution), len(solution.stances) > 1
+    on_foot = walk.options.mount != "pocket"
+    found = [
+        *(list_foot_signs(observed) if has_strides and on_foot else ()),
+        *(list_path_signs(observed) if has_strides else ()),
+        *list_sample_signs(observed),
+        *(list_light_signs(observed) if has_strides and on_foot else ()),
+    ]
     return combine([reason for reason in found if reason is not None])
+
+
+def list_foot_signs(observed: WalkSigns) -> Iterator[Reason | None]:
+    """Yield what strides and stances of a foot show."""
+    table, recording = observed.table, observed.recording
+    # does strapdown close from stance to stance?
+    yield measure_velocity_closure(observed)
+    yield count_open_strides(observed)
+    yield measure_tilt_closure(observed)
+    yield measure_gravity(observed)
+    # does the foot stand? Its median rate is 0.1 to 0.4 rad/s in the stillest moment, twice that in a run
+    rate = np.median(np.linalg.norm(recording.gyr[table.sample] - table.gyro_bias, axis=1))
+    words = f"the foot does not stand: it turns by {rate:.1f} rad/s in its stances"
+    yield Reason(weigh(rate / observed.gait, 0.8, 1.2), words)
+    yield measure_shaking(observed)
+    yield measure_time_without_footfall(observed)
+    # a possible cause of other signs: a heel strikes within 20 ms
+    if 1.0 / recording.period_s < LOW_RATE_HZ:
+        yield Reason(NAMING, f"the sample rate of {1.0 / recording.period_s:.0f} Hz is low for a foot")
+    yield limits.judge_filters(recording, observed.walk.stances)
+    # is it a walk? Shorter strides are none, or on the spot; stairs make 0.36 m of height
+    length, climb = np.median(observed.lengths), float(np.quantile(np.abs(observed.strides[:, 2]), 0.95))
+    yield Reason(weigh(1.0 / max(length, 1e-3), 1 / 0.15, 1 / 0.1), f"no walking: the median stride is {length:.2f} m")
+    yield Reason(weigh(climb, 0.5, 1.0), f"strides climb or fall by {climb:.1f} m, more than stairs do")
+    yield limits.judge_height_rate(*limits.find_height_rate(table.t, table.position[:, 2]))
+    # turning about up that the solution leaves
+    yield compare_bias(observed)
+    yield measure_hidden_turning(observed)
+
+
+def list_path_signs(observed: WalkSigns) -> Iterator[Reason]:
+    """Yield what the path on a foot, or in a pocket, shows."""
+    table, recording, in_pocket = observed.table, observed.recording, observed.walk.options.mount == "pocket"
+    yield limits.judge_longest_stride(observed.stride_speed, table.t, observed.sigma, observed.way)
+    yield measure_speed(observed)
+    # axes of the gyroscope that contradict the accelerometer's
+    measure = measure_swing_axes if in_pocket else measure_axes
+    yield limits.judge_axes(measure(recording.t, recording.acc, recording.gyr))
+    # its own sigmas at the end
+    sigma_deg = float(np.degrees(table.heading_sigma[-1]))
+    yield Reason(weigh(sigma_deg, 30.0, 90.0), f"the heading at the end is known to {sigma_deg:.0f} deg only")
+    yield limits.judge_position(table.position_cov[-1, :2, :2], observed.way, in_pocket)
+
+
+def list_sample_signs(observed: WalkSigns) -> Iterator[Reason | None]:
+    """Yield what the samples show, of a path without a stride too."""
+    recording, given = observed.recording, observed.walk.recording
+    yield limits.judge_strides(len(observed.strides), recording.duration_s)
+    yield limits.judge_rate(given.provenance.rate_sigma)
+    yield measure_gap(observed)
+    # motion, at the usual speed, in the parts of the recording that a hole cut off
+    cut_s = given.provenance.cut_samples * recording.period_s
+    words = f"{cut_s:.0f} s of the recording are cut off by a hole, and not used"
+    speed = max(observed.usual_m_s, observed.way / max(recording.duration_s, 1e-9))
+    yield limits.judge_unfollowed(cut_s, speed, observed.sigma, observed.way, words)
+    yield limits.judge_bad_samples(given)
+    yield check_mount(observed)
+
+
+def list_light_signs(observed: WalkSigns) -> Iterator[Reason | None]:
+    """Yield what is named, and makes no path doubtful."""
+    # axes of the magnetometer that contradict the gyroscope's
+    aligned = observed.walk.magnetometer
+    if aligned is not None and aligned.wrong_axes is not None:
+        warning = aligned.wrong_axes.warning
+        yield Reason(LIGHT, f"the magnetometer contradicts the gyroscope and is left out: {warning}")
+    yield compare_heights(observed)
 
 
 def judge_footfalls(table: StanceTable) -> Verdict:
     """Judge a path by its footfalls alone, without samples, by the limits of a person."""
-    stride, took = np.linalg.norm(np.diff(table.position, axis=0), axis=1), np.maximum(np.diff(table.t), 1e-9)
-    speed, way = stride / took, float(np.hypot(*np.diff(table.position[:, :2], axis=0).T).sum())
-    found = [limits.judge_strides(len(stride), float(np.ptp(table.t)))]
-    if len(stride):
-        fast = float(np.quantile(speed, limits.FAST_SHARE, method="lower"))
+    speed = np.linalg.norm(np.diff(table.position, axis=0), axis=1) / np.maximum(np.diff(table.t), 1e-9)
+    way = float(np.hypot(*np.diff(table.position[:, :2], axis=0).T).sum())
+    found = [limits.judge_strides(len(speed), float(np.ptp(table.t)))]
+    if len(speed):
         sigma = float(np.hypot(*table.position_sigma[-1, :2]))
-        worst = int(np.argmax((speed - fast) * took))
-        found.append(limits.judge_stride(stride[worst], took[worst], float(table.t[worst + 1]), fast, sigma, way))
+        found.append(limits.judge_longest_stride(speed, table.t, sigma, way))
         found.append(limits.judge_speed(float(speed.max()), float(table.t[1 + int(np.argmax(speed))])))
     found.append(limits.judge_height_rate(*limits.find_height_rate(table.t, table.position[:, 2])))
     found.append(limits.judge_position(table.position_cov[-1, :2, :2], way))

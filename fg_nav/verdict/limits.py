@@ -1,19 +1,6 @@
 """Physical limits of a person on foot, the weight of an error of the end, and the verdict of several reasons.
 
-The limits hold for a path at its end, and for each line online.
-
-============== ======= ========= ======= ==============================================================================
-quantity       unit    doubtful  no use  basis
-============== ======= ========= ======= ==============================================================================
-error          m       1 sigma   1/10    that a sign leaves in the end: over the sigma of the result, and over the way
-region         share   -         1/10    95 % region that the result itself claims, over the way; in a pocket 0.6, as
-                                         the length of a step alone is known to 0.12
-speed          m/s     12        18      of the foot: 2.5 times that of the person, who runs at 5
-height rate    m/s     0.8       1.5     over 10 s and more: 0.5 is to run up stairs, 1 to run down
-strides        1       1/4       1/3     one over their number
-axes           -       3         7       log of the odds of other axes of the gyroscope than those given
-                                         (`detection.mount`)
-============== ======= ========= ======= ==============================================================================
+The limits (doubtful, no use) hold for a path at its end, and for each line online.
 """
 
 from __future__ import annotations
@@ -46,17 +33,17 @@ USE_SHARE = 0.1  # Error, or 95 % region, from which on a path is of no use, ove
 USE_SHARE_IN_POCKET = 0.6  # in a pocket more: the length of a step is known to 0.12.
 MIN_WAY_M = 10.0  # A shorter way counts as this: seven strides.
 
-FEW_STRIDES = 1 / 4, 1 / 3
+FEW_STRIDES = 1 / 4, 1 / 3  # One over their number: three or fewer are no walk.
 SEEN_BY = 20  # Strides, of which those tested are at least a half in any ordinary walk.
 
-SPEED_M_S = 12.0, 18.0
-HEIGHT_RATE_M_S = 0.8, 1.5
+SPEED_M_S = 12.0, 18.0  # Of the foot: 2.5 times that of the person, who runs at 5.
+HEIGHT_RATE_M_S = 0.8, 1.5  # Over 10 s and more: 0.5 is to run up stairs, 1 to run down.
 CLIMBED_S = 10.0  # Over which the height rate is measured: a jump, or a slide down a pole, is shorter.
-AXES_ODDS = SUSPECT, DECISIVE
+AXES_ODDS = SUSPECT, DECISIVE  # Log of the odds of other axes of the gyroscope than those given.
 FASTER, FAST_SHARE = 1.5, 0.9  # No stride is faster by this factor than this quantile of the strides.
 SIGMAS_95 = float(np.sqrt(-2.0 * np.log(0.05)))  # Radius of the 95 % ellipse of a normal distribution.
 SMOOTHED = 100.0, 1e4  # Power at the gait's rate over that of heel strikes: 4 times the softest foot's, and 400 times.
-BAD_SHARE = 0.005, 0.05
+BAD_SHARE = 0.005, 0.05  # At 200 Hz one in every stride, or ten; others may be as wrong and unnoticed.
 
 
 @dataclass(frozen=True)
@@ -126,6 +113,14 @@ def judge_stride(length: float, took_s: float, t: float, fast_m_s: float, sigma:
     excess = length - FASTER * fast_m_s * took_s
     words = f"a stride of {length:.1f} m, at {t:.1f} s, is {excess:.1f} m longer than others: it drifted, or slipped"
     return Reason(weigh_error(excess, sigma, way), words)
+
+
+def judge_longest_stride(speed: Floats, t: Floats, sigma: float, way: float) -> Reason:
+    """Judge the stride longest for its time, of strides at `speed` (K,) m/s between footfalls at t (K + 1,) s."""
+    fast, took = float(np.quantile(speed, FAST_SHARE, method="lower")), np.maximum(np.diff(t), 1e-9)
+    excess = (speed - fast) * took
+    i = int(np.argmax(np.where(np.isnan(excess), np.inf, excess)))
+    return judge_stride(float(speed[i] * took[i]), float(took[i]), float(t[i + 1]), fast, sigma, way)
 
 
 def judge_height_rate(rate: float, t: float) -> Reason:

@@ -67,8 +67,7 @@ class History:
         if kind == "turned":
             self._rows = [turn_row(row, event["angle_deg"]) for row in self._rows]
             if self.last is not None:
-                turn_moment(self.last, event["angle_deg"])
-                turn_ellipse(self.last, event["angle_deg"])
+                turn_line(self.last, event["angle_deg"])
         elif kind == "retracted":
             t = self._stamps.get(event["stance"], np.nan)
             self._rows = [row for row in self._rows if not abs(row[0] - t) <= SAME_S]
@@ -169,20 +168,16 @@ def turn_row(row: Row, angle_deg: float) -> Row:
     return row[0], float(c * row[1] + s * row[2]), float(c * row[2] - s * row[1]), row[3]
 
 
-def turn_ellipse(event: dict[str, Any], angle_deg: float) -> None:
-    """Turn the horizontal sigmas and covariance of a line clockwise about the vertical, in place."""
-    east, north, up = event["position_sigma_m"]
-    c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
-    turn = np.array([[c, s], [-s, c]])
-    covariance = np.array([[east**2, event["east_north_cov_m2"]], [event["east_north_cov_m2"], north**2]])
-    turned = turn @ covariance @ turn.T
-    event["position_sigma_m"] = [*np.sqrt(np.diagonal(turned)).tolist(), up]
-    event["east_north_cov_m2"] = float(turned[0, 1])
-
-
-def turn_moment(known: dict[str, Any], angle_deg: float) -> None:
-    """Turn position and heading of a line or status with the map, where it has them."""
-    if known["position_m"] is not None:
+def turn_line(known: dict[str, Any], angle_deg: float) -> None:
+    """Turn position, heading and horizontal covariance of a line or status clockwise, in place, where it has them."""
+    if known.get("position_m") is not None:
         known["position_m"] = turn_row((0.0, *known["position_m"]), angle_deg)[1:]
-    if known["heading_deg"] is not None:
+    if known.get("heading_deg") is not None:
         known["heading_deg"] = (known["heading_deg"] + angle_deg) % 360.0
+    if "east_north_cov_m2" in known:
+        (east, north, up), shared = known["position_sigma_m"], known["east_north_cov_m2"]
+        c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
+        turn = np.array([[c, s], [-s, c]])
+        turned = turn @ np.array([[east**2, shared], [shared, north**2]]) @ turn.T
+        known["position_sigma_m"] = [*np.sqrt(np.diagonal(turned)).tolist(), up]
+        known["east_north_cov_m2"] = float(turned[0, 1])

@@ -4,8 +4,7 @@
 the port follows a walk. The page gets all of them; `emit_end` is None if nothing takes those of the end. The page is
 shown the status between footfalls too (its keys are in docs/online.md); what is not known yet is null.
 
-Port and page are served by another process (`servers`): the ports are opened here, so that an occupied one is reported
-at once, and messages are queued, so that no client can delay the walk.
+The ports are opened here, so that an occupied one is reported at once, and the messages to `servers` are queued.
 """
 
 from __future__ import annotations
@@ -50,15 +49,9 @@ class Outlets:
 
 @contextmanager
 def open_outlets(serve: int | None, view: tuple[str, int] | None, print_line: Say, remark: Say) -> Iterator[Outlets]:
-    """Open what was requested.
+    """Serve the lines, which are then not printed, on a port, and the page on host and port; None for neither.
 
-    Raises `StreamError` if a port cannot be served.
-
-    Parameters
-    ----------
-    serve : port for the lines, which are then not printed; None without.
-    view : host and port of the page; None without.
-    print_line, remark : called with lines, and with sentences for people.
+    Lines go to `print_line`, sentences for people to `remark`. Raises `StreamError` if a port cannot be served.
     """
     with ExitStack() as opened:
         lines = None if serve is None else opened.enter_context(open_port(HOST, serve, "--serve"))

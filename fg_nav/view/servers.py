@@ -8,21 +8,10 @@ with its input, and so with the process of the walk, however that ends.
 
 Each client of lines gets those made after its connection, written into the buffers of all clients at once. One whose
 buffer exceeds `MAX_WAITING` does not read, and is disconnected, as is one that sends more than `MAX_RECEIVED`; input is
-discarded. The page is files over HTTP, and messages over a websocket (`/live`): first one `history`, then the lines of
-the stream as they come:
-
-========= =======================================================================================================
-history   `path`, rows t, east, north, up, as it is now; `last`, the newest line; `status`; `remarks`; of two sensors
-          `feet`, path and newest line of each by side, beside the person's. Sent again in place of `revised`, and
-          after `turned` and `retracted`: the page does no arithmetic
-now, turned, retracted    the lines, as `fg-nav stream` prints them
-status    some five times a second while a page is open: the state between footfalls (`outlets`)
-remark    `words`: an irregularity, in a sentence
-========= =======================================================================================================
-
-A page that does not keep up gets nothing until its buffer has drained, and then the history. A page that sends anything
-is disconnected. Handshakes are accepted only from pages served here, by the `Origin` and `Host` of the browser: no
-other page that is open in it can listen.
+discarded. The page is files over HTTP and messages over a websocket (`/live`): docs/online.md has them. It does no
+arithmetic: where a line changed the past, the whole path is sent again (`history`). A page that does not keep up gets
+nothing until its buffer has drained, and then the history; one that sends anything is disconnected. Handshakes are
+accepted only from pages served here, by the `Origin` and `Host` of the browser: no other open page can listen.
 """
 
 from __future__ import annotations
@@ -53,7 +42,7 @@ from websockets.protocol import State
 
 from fg_nav.system.processes import collect_seldom
 from fg_nav.text import to_json
-from fg_nav.view.history import Walkers, turn_moment
+from fg_nav.view.history import Walkers, turn_line
 
 LIVE = "/live"
 
@@ -184,7 +173,7 @@ class PageServer:
         event = json.loads(line)
         changed, is_main = self._walkers.add(event)
         if event["kind"] == "turned" and is_main and self._status is not None:
-            turn_moment(self._status, event["angle_deg"])
+            turn_line(self._status, event["angle_deg"])
         if event["kind"] in {"now", "turned", "retracted", "foot"}:
             self._send_to(self._viewers, line)
         if changed and self._redraws is None:

@@ -81,6 +81,7 @@ def choose(known: config.Config | None, words: Sequence[str], methods: Sequence[
         ("smoother.acc_density", "write --set smoother.acc_density=VALUE"),
         ("smoother.acc_density=-1", "'smoother.acc_density' cannot be -1: give a number that is not below zero"),
         ("smoother.acc_density=high", "'smoother.acc_density' cannot be 'high': give a number"),
+        ("smoother.acc_density=" + "[" * 100_000, "cannot be '[[["),  # brackets without end are a word
         ("smoother.acc_density=null", "cannot be None: give a number"),
         ("smoother.magnetic.rounds=1.5", "give a whole number"),
         ("smoother.magnetic.rounds=1001", "give a whole number up to 1000"),
@@ -99,7 +100,11 @@ def test_a_setting_that_cannot_be_is_refused(word: str, said: str) -> None:
 def test_settings_have_the_types_of_the_parameters() -> None:
     words = ["smoother.known_lever=[0, 0.1, 0.2]", "smoother.acc_density=1", "detector.threshold=null"]
     changes = choose(None, words, ["inertial"])
-    assert changes == tuple(config.parse_setting(word) for word in words)
+    assert changes == (
+        ("smoother.known_lever", [0, 0.1, 0.2]),
+        ("smoother.acc_density", 1),
+        ("detector.threshold", None),
+    )
     lever = config.select_changes(changes, "smoother")
     assert change_parameters(config.find_parameters("smoother"), lever).known_lever == (0.0, 0.1, 0.2)
     detector = config.find_parameters("ma2018").detector

@@ -7,7 +7,7 @@ import pytest
 
 from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError
-from fg_nav.feet.clocks import Swings, align_clocks, list_swings, match_swings
+from fg_nav.feet.clocks import Swings, list_swings, match_swings
 from fg_nav.lab.simulation import simulate_feet
 from fg_nav.recording import Recording
 
@@ -23,7 +23,9 @@ def feet() -> Feet:
 def align(feet: Feet, offset: float) -> float:
     left, right = feet["left"], feet["right"]
     stances = [detect_stances(one) for one in (left, right)]
-    return align_clocks(left, stances[0], replace(right, t=right.t + offset), stances[1]).offset_s
+    return match_swings(
+        list_swings(left, stances[0]), list_swings(replace(right, t=right.t + offset), stances[1])
+    ).offset_s
 
 
 def test_clocks_that_fit_stay_as_they_are(feet: Feet) -> None:
@@ -48,7 +50,7 @@ def test_feet_of_two_walks_are_refused_in_a_sentence(feet: Feet) -> None:
     other = simulate_feet("stairs", 8).right.recording
     left = feet["left"]
     with pytest.raises(EstimationError, match=r"feet of one walk.*--clock-offset"):
-        align_clocks(left, detect_stances(left), other, detect_stances(other))
+        match_swings(list_swings(left, detect_stances(left)), list_swings(other, detect_stances(other)))
 
 
 def walk_feet(

@@ -12,7 +12,6 @@ from fg_nav.io import read
 from fg_nav.magnetic.axes import MagnetometerDelay, estimate_delay, holds_readings, remove_delay
 from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import Recording
-from fg_nav.report.files import describe_delay
 from fg_nav.walk import Options, Walk
 from tests.magnetic.turning_walks import make_early, minute
 from tests.real_data import DATA, needs_data
@@ -106,11 +105,11 @@ def test_a_sensor_that_hardly_turns_shows_no_delay():
 def test_a_run_says_what_was_taken_off():
     walk = prepare_walk(Walk.of(minute(5, 0.022)))
     assert any("ms late" in note and "taken off" in note for note in walk.notes)
-    said = describe_delay(walk)
-    assert said["tau_s"] == pytest.approx(0.022, abs=0.001)
-    assert said["taken_off"]
+    found = walk.magnetometer.delay
+    assert found.tau_s == pytest.approx(0.022, abs=0.001)
+    assert found.taken_off
     without = prepare_walk(Walk.of(minute(5, 0.022), Options(use_magnetometer=False)))
-    assert describe_delay(without) is None
+    assert without.magnetometer is None or without.magnetometer.delay is None
     assert not any("late" in note for note in without.notes)
 
 

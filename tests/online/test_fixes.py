@@ -23,7 +23,7 @@ TURN_DEG = 40.0
 @cache
 def walked(heading: float | None, turn_deg: float = 0.0, blocks: int = 64):
     """The navigator of a walk with two fixes, and what it told."""
-    navigator = OnlineNavigator(OnlineOptions(heading, use_field=False, fixes=tuple(fixes(turn_deg))))
+    navigator = OnlineNavigator(OnlineOptions(heading_rad=heading, use_field=False, fixes=tuple(fixes(turn_deg))))
     rows, told = rows_of(demo().recording), []
     for start in range(0, len(rows), blocks):
         told += navigator.add_rows(rows[start : start + blocks])
@@ -65,9 +65,9 @@ def test_a_heading_that_fixes_have_yet_to_show_is_in_the_sigmas():
 
 
 def test_without_its_fixes_the_walk_is_where_it_was():
-    plain = OnlineNavigator(OnlineOptions(0.0, use_field=False))
+    plain = OnlineNavigator(OnlineOptions(heading_rad=0.0, use_field=False))
     later = replace(fixes()[0], time_s=1e6)
-    vain = OnlineNavigator(OnlineOptions(0.0, use_field=False, fixes=(later,)))
+    vain = OnlineNavigator(OnlineOptions(heading_rad=0.0, use_field=False, fixes=(later,)))
     for navigator in (plain, vain):
         navigator.add_rows(rows_of(demo().recording)[:3000])
     assert worst_difference(plain.smoothed(), vain.smoothed()) == 0.0

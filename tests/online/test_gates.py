@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from fg_nav.detection.causal import join_footfalls
 from fg_nav.magnetic.detectors import GATES, HARD, NO_GATE, QUASI_STATIC, apply_gate
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import OnlineOptions, rows_of
@@ -20,7 +21,9 @@ def test_a_gate_judges_a_walk_in_progress(gate):
     found = navigator.finish()
     assert np.isfinite(found.stances.position).all()
     # on the same footfalls, with the attitudes of the batch
-    field = measure_online_field(navigator.recording(), navigator.stances(), navigator.options).field
+    recording = navigator.recording()
+    stances = join_footfalls(navigator.footfalls, len(recording))
+    field = measure_online_field(recording, stances, navigator.options).field
     assert field is not None
     passed = np.array([word == QUASI_STATIC for word in found.stances.field])
     expected = np.array([word == QUASI_STATIC for word in apply_gate(field, gate).words])

@@ -19,8 +19,8 @@ from fg_nav.pocket.dead_reckoning import StepLength, reckon_path
 from fg_nav.pocket.navigate import choose_start
 from fg_nav.pocket.steps import estimate_swing, find_steps
 
-EAST = OnlineOptions(np.pi / 2, mount="pocket")
-COMPASS = OnlineOptions(None, mount="pocket")
+EAST = OnlineOptions(heading_rad=np.pi / 2, mount="pocket")
+COMPASS = OnlineOptions(heading_rad=None, mount="pocket")
 
 
 @pytest.fixture(scope="module")

@@ -156,7 +156,8 @@ def test_a_walk_in_windows_goes_on(data, tmp_path, monkeypatch, lag_s):
 def test_in_a_pocket_the_lines_are_the_same(tmp_path, monkeypatch):
     recording = simulate("demo", 103, Choices(worn="pocket", rate_hz=100.0)).recording.slice(0, 2500)
     write_canonical(recording, tmp_path / "walk.csv")
-    data, options = (tmp_path / "walk.csv").read_bytes(), StreamOptions(online=OnlineOptions(None, mount="pocket"))
+    data = (tmp_path / "walk.csv").read_bytes()
+    options = StreamOptions(online=OnlineOptions(heading_rad=None, mount="pocket"))
     whole, lines = walk_on(tmp_path / "whole.csv", Sent(data), options)
     navigator, given = walk_killed(tmp_path, monkeypatch, data, options, 5, goes_on=True)
     now = [[line for line in some if line["kind"] == "now"] for some in (lines, given)]
@@ -198,7 +199,7 @@ def test_what_cannot_go_on_is_refused_in_a_sentence(data, tmp_path):
     for other, words in (
         (StreamOptions(online=NORTH, calibration=Calibration("x", accelerometer=scale)), "another calibration"),
         (StreamOptions(online=OnlineOptions(heading_rad=1.0)), "other options"),
-        (StreamOptions(online=OnlineOptions(None, mount="pocket")), "other options"),
+        (StreamOptions(online=OnlineOptions(heading_rad=None, mount="pocket")), "other options"),
     ):
         with pytest.raises(EstimationError, match=f"record.csv was recorded with {words}: resume it with the same"):
             walk_on(path, Sent(data), other)

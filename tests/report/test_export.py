@@ -148,12 +148,12 @@ def test_geojson_returns_the_path(track: ExportTrack, tmp_path: Path) -> None:
 
 
 def test_an_ellipse_is_95_percent_and_turns_left(track: ExportTrack) -> None:
-    found = outline_ellipses(track)
-    np.testing.assert_array_equal(found.corner[:, 0], found.corner[:, -1])
-    from_centre = found.corner[:, :, :2] - track.footfalls[POSITION].to_numpy()[:, None, :2]
+    _, corner = outline_ellipses(track)
+    np.testing.assert_array_equal(corner[:, 0], corner[:, -1])
+    from_centre = corner[:, :, :2] - track.footfalls[POSITION].to_numpy()[:, None, :2]
     distance2 = np.einsum("eci,eij,ecj->ec", from_centre, np.linalg.inv(track.cov[:, :2, :2]), from_centre)
     np.testing.assert_allclose(np.exp(-distance2 / 2), 0.05, rtol=1e-9)
-    x, y = np.moveaxis(found.corner, 2, 0)[:2]
+    x, y = np.moveaxis(corner, 2, 0)[:2]
     assert ((x[:, :-1] * y[:, 1:] - x[:, 1:] * y[:, :-1]).sum(axis=1) > 0).all()
 
 
@@ -316,7 +316,7 @@ def test_what_is_not_claimed_is_left_out(track: ExportTrack, tmp_path: Path) -> 
     for ending in (".geojson", ".kml", ".gpx"):
         export_track(unknown, tmp_path / f"walk{ending}", MUNICH)
         assert "nan" not in (tmp_path / f"walk{ending}").read_text().lower()
-    assert not len(outline_ellipses(unknown).row)
+    assert not len(outline_ellipses(unknown)[0])
 
 
 def test_the_command_writes_several_files(fg_nav: FgNav, folder: Path) -> None:

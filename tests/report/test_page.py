@@ -87,7 +87,7 @@ def test_an_alignment_takes_the_common_turn_out_of_the_ellipses(walk: Walk) -> N
     alone, aligned = AlignedSolution(solution), AlignedSolution(solution, walk.truth, outcome.comparison)
     assert aligned.turn_variance == pytest.approx(turn**2, rel=1e-3)
     assert alone.turn_variance == 0.0
-    largest = [float(np.max(found.semi)) for view in (alone, aligned) if (found := find_ellipses(view, 80))]
+    largest = [float(np.max(found.semi)) for view in (alone, aligned) if (found := find_ellipses(view))]
     assert largest[0] > 1.0
     assert largest[1] == pytest.approx(2.448 * 0.01, rel=0.05)
 

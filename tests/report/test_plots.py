@@ -92,8 +92,8 @@ def test_ellipses_hold_95_percent_and_turn_with_the_path(walk: Walk) -> None:
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     assert isinstance(walk.truth, TrajectoryTruth)
     truth = replace(walk.truth, position=walk.truth.position @ turn.T, nav_R_body=None)
-    straight = find_ellipses(AlignedSolution(solution), 80)
-    turned = find_ellipses(view(replace(walk, truth=truth), drift_deg=0.0), 80)
+    straight = find_ellipses(AlignedSolution(solution))
+    turned = find_ellipses(view(replace(walk, truth=truth), drift_deg=0.0))
     assert straight is not None
     assert turned is not None
     np.testing.assert_allclose((np.rad2deg(turned.angle - straight.angle) + 90) % 180, 0.0, atol=1e-6)

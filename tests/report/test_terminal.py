@@ -22,7 +22,7 @@ class Screen(io.StringIO):
 
 def printed(walk: Walk, capsys: pytest.CaptureFixture[str]) -> str:
     outcomes = [walks.outcome(walk, "smoother", 1.0), walks.outcome(walk, "iez", 3.0)]
-    terminal.console().print(terminal.result_table([summarize(walk, outcome) for outcome in outcomes]))
+    terminal.print_results([summarize(walk, outcome) for outcome in outcomes], Path("results"))
     return capsys.readouterr().out
 
 

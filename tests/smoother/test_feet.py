@@ -29,7 +29,7 @@ from fg_nav.smoother.feet import (
 )
 from fg_nav.smoother.graph import turn_walk
 from fg_nav.smoother.solver import find_minimum
-from fg_nav.smoother.square_root import LinearWalk, find_sizes
+from fg_nav.smoother.square_root import DIMENSION, LinearWalk
 from fg_nav.truth import TrajectoryTruth
 
 SIDES = ("left", "right")
@@ -127,11 +127,11 @@ def test_the_person_is_in_the_middle_and_as_uncertain_as_the_feet(walk: Simulate
     assert np.sqrt(np.mean(error[:, :2] ** 2)) < 0.15
     moves = np.linalg.norm(person.velocity[:, :2], axis=1) > 0.5
     direction = np.arctan2(person.velocity[:, 0], person.velocity[:, 1])
-    assert np.median(np.abs(wrap_angle(person.heading - direction))[moves]) < np.radians(15.0)
+    assert np.median(np.abs(wrap_angle(compute_heading(person.nav_R_body) - direction))[moves]) < np.radians(15.0)
     # By half of what the feet differ, some centimeters, more uncertain than the left foot.
-    sigma = np.sqrt(np.diagonal(person.pose_cov, axis1=1, axis2=2))
+    sigma = np.sqrt(np.diagonal(person.stances.pose_cov, axis1=1, axis2=2))
     of_left = both.left.stances.position_sigma
-    np.testing.assert_array_equal(person.footfall_t, both.left.stances.t)
+    np.testing.assert_array_equal(person.stances.t, both.left.stances.t)
     assert (sigma[:, :3] >= of_left).all()
     # Who stands at the start has the feet near each other, and it is not known how.
     np.testing.assert_allclose(sigma[1:, :2], np.hypot(of_left[1:, :2], 0.03), atol=0.02)
@@ -150,7 +150,7 @@ def test_where_one_foot_was_not_recorded_the_person_goes_as_the_other_one(
         apart = np.stack([np.interp(both.person.t, person.t, column) for column in person.position.T], axis=1)
         assert np.abs(apart - both.person.position).max() < 0.8  # half a stride, and what one foot drifts
         assert (np.diff(person.t) > 0).all()
-        assert person.footfall_t[-1] > both.person.t[-1] - 8.0
+        assert person.stances.t[-1] > both.person.t[-1] - 8.0
 
 
 def test_all_variables_are_eliminated_once_and_the_covariances_are_those_of_all_factors(solved: SolvedFeet) -> None:
@@ -170,7 +170,7 @@ class DenseCovariance:
     """Of variables in the order of their elimination, by the whole information matrix."""
 
     def __init__(self, stacks, keys) -> None:
-        size, order = find_sizes(keys), np.argsort(keys)
+        size, order = np.array([DIMENSION[int(key) >> 56] for key in keys]), np.argsort(keys)
         self.keys, self.size, self.begin = keys, size, np.cumsum(size) - size
         self.information = np.zeros((size.sum(), size.sum()))
         for stack in stacks:

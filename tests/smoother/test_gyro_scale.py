@@ -178,11 +178,6 @@ def test_without_a_field_the_scale_is_left_as_it_is() -> None:
     assert not is_noted(smoothed(True, with_field=False))
 
 
-def test_corrected_samples_are_those_without_the_errors() -> None:
-    found = GyroScale(SCALE, np.full(3, 1e-3), 1.0, np.zeros((3, 3))).remove_from(scaled(SCALE))
-    np.testing.assert_allclose(found.gyr, in_field(earth()).gyr, atol=1e-12)
-
-
 @pytest.mark.parametrize("seed", [0, 3])
 def test_what_rebuilt_peaks_have_in_common_is_in_the_heading_sigma(seed: int) -> None:
     """The pitch rate of a foot, cut at 60 % and rebuilt: two sides of one axis, and their error in the sigma."""

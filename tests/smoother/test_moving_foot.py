@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import cache
 
+import gtsam
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import X
@@ -10,7 +11,8 @@ from gtsam.symbol_shorthand import X
 from fg_nav.arrays import Floats
 from fg_nav.evaluation import evaluate
 from fg_nav.factors.residual import ResidualBlock
-from fg_nav.online.estimates import extend_covariance
+from fg_nav.online.estimates import CompassVerdict, estimate_stance
+from fg_nav.online.strides import StanceNodes
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
 from fg_nav.smoother.graph import WalkProblem, solve
@@ -101,8 +103,11 @@ def test_a_straight_even_walk_does_not_show_it() -> None:
 
 
 def test_a_walk_in_progress_has_a_scale_and_a_turn_about_its_start() -> None:
-    position, own = np.array([30.0, 40.0, 5.0]), 0.01 * np.eye(4)
-    more = extend_covariance(own, position) - own
+    stance = StanceNodes(7, 7, 8, 7, 0, 0.0, 700, 7.0, (700,))
+    state = gtsam.Pose3(gtsam.Rot3(), [30.0, 40.0, 5.0]), np.zeros(3), gtsam.imuBias.ConstantBias()
+    known = stance, *state, 0.01 * np.eye(6), np.eye(6), CompassVerdict("", "")
+    still, moving = (estimate_stance(*known, moves, False).pose_cov for moves in (False, True))
+    more = moving - still
     along, across = np.array([0.6, 0.8]), np.array([-0.8, 0.6])
     assert along @ more[:2, :2] @ along == pytest.approx((50.0 * FORWARD_SIGMA) ** 2)
     assert across @ more[:2, :2] @ across == pytest.approx((50.0 * SIDEWAYS_SIGMA) ** 2)

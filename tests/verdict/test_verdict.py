@@ -16,7 +16,6 @@ from fg_nav.solution import Solution
 from fg_nav.verdict import (
     Verdict,
     WalkSigns,
-    check_gyro_axes,
     combine,
     compare_bias,
     compare_heights,
@@ -462,7 +461,7 @@ def test_a_stride_of_three_metres_spoils_a_path_in_a_pocket_too() -> None:
 
 def test_wrong_axes_spoil_a_path_of_any_method() -> None:
     mirrored = replace(good().walk, recording=samples(gyr=-demo().gyr))
-    reason = check_gyro_axes(WalkSigns(mirrored, good().solution))
-    assert reason.weight > 2
-    assert "negate gyr" in reason.words
-    assert check_gyro_axes(good()).weight < 1
+    verdict = judge_path(mirrored, good().solution)
+    assert verdict.word == "not to be used"
+    assert any("negate gyr" in words for words in verdict.reasons)
+    assert not any("negate gyr" in words for words in judge_path(good().walk, good().solution).reasons)

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from fg_nav.view.history import MAX_ROWS, NEWEST_ROWS, History, turn_ellipse
+from fg_nav.view.history import MAX_ROWS, NEWEST_ROWS, History, turn_line
 from tests.view.lines import circle, now
 
 
@@ -125,8 +125,8 @@ def test_a_long_walk_stays_bounded_and_near_its_path():
 
 def test_an_ellipse_turns_with_the_map():
     event = {"position_sigma_m": [0.3, 0.1, 0.5], "east_north_cov_m2": 0.0}
-    turn_ellipse(event, 90.0)
+    turn_line(event, 90.0)
     assert event["position_sigma_m"] == pytest.approx([0.1, 0.3, 0.5])
-    turn_ellipse(event, 45.0)  # the long axis, north, is north-east now
+    turn_line(event, 45.0)  # the long axis, north, is north-east now
     assert event["east_north_cov_m2"] == pytest.approx((0.3**2 - 0.1**2) / 2)
     assert event["position_sigma_m"][0] == pytest.approx(np.sqrt((0.3**2 + 0.1**2) / 2))

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fg_nav.arrays import Bools, Floats
+from fg_nav.lab import palette
 from fg_nav.lab.reproduce.results import Picture
 from fg_nav.lab.store.results import USED, Result
 from fg_nav.lab.walked import AS_STARTED
@@ -58,7 +59,7 @@ def draw_path(axes: Axes, path: Floats, label: str, colour: str, truth: Floats |
     """Draw a path (K, 2) m from above on equal scales, over the truth; a square is where it ends."""
     axes.set_aspect("equal", adjustable="datalim")
     if truth is not None:
-        axes.plot(*truth.T, **style.TRUTH_LINE, zorder=1, label="truth")
+        axes.plot(*truth.T, **palette.TRUTH_LINE, zorder=1, label="truth")
     axes.plot(*path.T, "-", color=colour, linewidth=0.9, zorder=3, label=label)
     axes.plot(*path[-1:].T, "s", color=colour, markersize=4.5, markerfacecolor="white", zorder=5)
     axes.set(xlabel="east (m)", ylabel="north (m)")
@@ -66,7 +67,7 @@ def draw_path(axes: Axes, path: Floats, label: str, colour: str, truth: Floats |
 
 def draw_flags(axes: Axes, used: Bools, title: str) -> None:
     """Draw the verdict along the walk, 1 where the field was used, as the papers do."""
-    axes.fill_between(np.arange(len(used)), used.astype(float), step="mid", color=style.BLUE, linewidth=0.0)
+    axes.fill_between(np.arange(len(used)), used.astype(float), step="mid", color=palette.BLUE, linewidth=0.0)
     axes.set(ylim=(-0.05, 1.15), yticks=(0, 1), xlim=(0, len(used)), ylabel="quasi-static")
     axes.grid(visible=False)
     axes.set_title(f"{title}: {100 * used.mean():.0f} % of the footfalls")
@@ -75,7 +76,7 @@ def draw_flags(axes: Axes, used: Bools, title: str) -> None:
 def draw_landmarks(axes: Axes, names: Sequence[str], errors: Mapping[str, Sequence[float]], title: str) -> None:
     """Draw the error at each crossing: the first method as bars, the others as marks above them."""
     place = np.arange(len(names))
-    marks = zip(errors.items(), style.colours(len(errors)), ("", "D", "o", "^"), strict=False)
+    marks = zip(errors.items(), palette.colours(len(errors)), ("", "D", "o", "^"), strict=False)
     for (method, error), colour, mark in marks:
         label = f"{method}, mean {np.mean(error):.1f} m"
         if not mark:

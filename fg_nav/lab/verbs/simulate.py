@@ -15,7 +15,7 @@ import typer
 
 from fg_nav.commands.run import answer_comparison
 from fg_nav.commands.shared import Answer, Target, run_methods
-from fg_nav.commands.stream import format_solution, remark
+from fg_nav.commands.stream import remark
 from fg_nav.errors import SimulationError, StreamError
 from fg_nav.io import write_canonical, write_tum
 from fg_nav.lab.simulation import SCENARIOS, Choices, SimulatedFeet, SimulatedWalk
@@ -27,6 +27,7 @@ from fg_nav.lab.simulation.scenario_file import SUFFIX, read_scenario
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.lab.simulation.sensors import PRESETS
 from fg_nav.lab.verbs import DemoRequest, SimulateRequest
+from fg_nav.online.estimates import SMOOTHED, format_table
 from fg_nav.online.follow import Sensor, StreamOptions, follow
 from fg_nav.online.sources import Replay
 from fg_nav.pipeline import prepare_walk
@@ -257,9 +258,8 @@ def _view_demo(request: DemoRequest) -> None:
         source = Replay(simulated, speed, "the simulated walk")
         navigator = follow({None: Sensor(source, StreamOptions(background=True))}, outlets, stop).navigators[None]
         if not stop.is_set() and outlets.emit_end is not None:
-            solution = navigator.finish()
-            verdicts = [judge_footfalls(solution.stances)]
-            for line in format_solution(solution, navigator.intake.sensor_time, verdicts):
+            table, sensor_time = navigator.finish().stances, navigator.intake.sensor_time
+            for line in format_table(table, sensor_time, SMOOTHED, None, judge_footfalls(table)):
                 outlets.emit_end(line)
             remark("the walk is over, and stays on the page until Ctrl-C.")
             stop.wait()

@@ -1,14 +1,8 @@
-"""Maps: GeoJSON (RFC 7946), KML 2.2 and GPX 1.1. Footfalls carry the columns of `strides.csv`, ellipses hold 95 %.
+"""Maps: GeoJSON (RFC 7946), KML 2.2 and GPX 1.1 (docs/export.md).
 
-======= ===============================================================================================================
-GeoJSON coordinates are longitude, latitude, height; the property `kind` is `ellipse`, `path` or `footfall`, with the
-        colours that viewers of maps know (simplestyle). `time_s` is the recording's clock, `time_utc` UTC, if known
-KML     folders `path`, `footfalls` and `ellipses`, for Google Earth and QGIS; the data of footfalls are typed by a
-        schema. Styles stand with each feature: not all programs follow references to shared ones. Without the height
-        of the origin everything lies on the ground
-GPX     one track with a point a footfall, so that speed is that of the person, not of the swinging foot. `ele` is
-        the height of the origin, if known, and the climb since; `time` UTC, if known; the sigmas are extensions
-======= ===============================================================================================================
+Coordinates are longitude, latitude, height; colours in GeoJSON those that viewers of maps know (simplestyle). Styles of
+KML stand with each feature, as not all programs follow references to shared ones. GPX has a point a footfall, so that
+speed is that of the person, not of the swinging foot.
 """
 
 from __future__ import annotations
@@ -16,7 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Hashable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 from xml.etree import ElementTree as Xml
 
 import numpy as np
@@ -38,17 +32,11 @@ GPX = "http://www.topografix.com/GPX/1/1"
 SIGMA_NAMESPACE = "urn:fg-nav:strides"  # A name, not an address.
 
 
-class Outlines(NamedTuple):
-    """Closed outlines (E, CORNERS, 3) m, counter-clockwise, of the footfalls `row` (E,)."""
+def outline_ellipses(track: ExportTrack) -> tuple[Ints, Floats]:
+    """Return footfalls (E,) evenly spread along the path, of those with a covariance, and their 95 % ellipses.
 
-    row: Ints
-    corner: Floats
-
-
-def outline_ellipses(track: ExportTrack) -> Outlines:
-    """Outline the ellipses of footfalls evenly spread along the path, of those with a covariance.
-
-    The outline is p + r L (cos u, sin u), with P = L L^T and r that of 95 %.
+    These are closed outlines (E, CORNERS, 3) m, counter-clockwise: p + r L (cos u, sin u), with P = L L^T and r that of
+    95 %.
     """
     cov = track.cov[:, :2, :2]
     claimed = np.flatnonzero(np.isfinite(cov).all(axis=(1, 2)))
@@ -61,7 +49,7 @@ def outline_ellipses(track: ExportTrack) -> Outlines:
     semi = ELLIPSE_RADIUS * np.sqrt(np.maximum(variance, 0.0))
     corner = np.repeat(track.footfalls[POSITION].to_numpy()[row][:, None, :], CORNERS, axis=1)
     corner[:, :, :2] += np.einsum("eij,ej,cj->eci", axes, semi, circle)
-    return Outlines(row, corner)
+    return row, corner
 
 
 def write_geojson(track: ExportTrack, path: Path, origin: Origin) -> None:
@@ -71,11 +59,11 @@ def write_geojson(track: ExportTrack, path: Path, origin: Origin) -> None:
         return {"type": "Feature", "geometry": {"type": kind, "coordinates": coordinates}, "properties": properties}
 
     # ellipses
-    features, found = [], outline_ellipses(track)
+    features = []
     style: dict[str, object] = {
         "stroke": BLUE, "stroke-width": 1, "stroke-opacity": 0.4, "fill": BLUE, "fill-opacity": FILL_OPACITY,
     }  # fmt: skip
-    for k, corner in zip(found.row, found.corner, strict=True):
+    for k, corner in zip(*outline_ellipses(track), strict=True):
         properties = {"kind": "ellipse", "index": int(k), "share": 0.95, **style}
         features.append(feature("Polygon", [origin.locate(corner).tolist()], properties))
 
@@ -135,8 +123,8 @@ def write_kml(track: ExportTrack, path: Path, origin: Origin) -> None:
         return made
 
     # ellipses
-    found, style, part = outline_ellipses(track), _style_line(0.4, 1, FILL_OPACITY), folder("ellipses")
-    for k, corner in zip(found.row, found.corner, strict=True):
+    style, part = _style_line(0.4, 1, FILL_OPACITY), folder("ellipses")
+    for k, corner in zip(*outline_ellipses(track), strict=True):
         placemark = _add_placemark(part, f"95 % at footfall {k}")
         placemark.append(style)
         ring = Xml.SubElement(_add_shape(placemark, "Polygon", origin), "outerBoundaryIs")

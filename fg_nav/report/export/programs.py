@@ -1,27 +1,8 @@
-"""Paths for other programs: TUM, MATLAB (version 5), Parquet, ROS 2 (`.mcap`) and Rerun (`.rrd`).
+"""Paths for other programs: TUM, MATLAB (version 5), Parquet, ROS 2 and Rerun (docs/export.md).
 
-======= ===============================================================================================================
-TUM     lines `t x y z qx qy qz qw`, for evo and its kin
-MATLAB  structures `path`, `footfalls` and `about`. A row a sample; matrices 3 x 3 in pages:
-        `footfalls.position_cov_m2(:, :, k)` is the covariance of footfall k. Quaternions are w, x, y, z, as MATLAB's
-Parquet a table of the path, a row a sample, and a second file of the footfalls, with the columns of `strides.csv`, and
-        `time_utc` where it is known; the meaning of the columns in the attributes of the tables (`DataFrame.attrs`)
-ROS 2   a bag in one file, see below
-Rerun   the foot in motion, the path, footfalls with 95 % ellipsoids, and sigmas over time. The timeline is `utc` where
-        absolute time is known, else `recording`, seconds of the recording's clock
-======= ===============================================================================================================
-
-The bag:
-
-====================== ======================================================================================
-/fg_nav/odometry       `nav_msgs/Odometry`, one message a sample; pose in `odom` (East-North-Up from the start),
-                       twist in `foot`
-/fg_nav/path           `nav_msgs/Path`, one message at the end: the poses of the footfalls
-`pose.covariance`      of position, and about z of the heading; linear between two footfalls; `UNKNOWN` for roll
-                       and pitch, 0 between heading and position
-`twist`                linear: R^T v; angular is unknown
-stamps                 UTC where it is known, else the recording's clock, shifted to 0 where it began before
-====================== ======================================================================================
+In the bag of ROS 2 poses are in `odom` (East-North-Up from the start), twists in `foot`: linear R^T v, angular unknown.
+The covariance of a pose is of position, and about z of the heading, 0 between the two, `UNKNOWN` for roll and pitch;
+linear between footfalls. Stamps are UTC where it is known, else the recording's clock, from 0 where it began before.
 """
 
 from __future__ import annotations
@@ -107,16 +88,25 @@ def write_ros(track: ExportTrack, path: Path) -> None:
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
-    stamps = _find_stamps(track, track.t)
-    store = get_typestore(Stores.ROS2_HUMBLE)
+    stamps, store = _find_stamps(track, track.t), get_typestore(Stores.ROS2_HUMBLE)
+    # path: the poses of the footfalls
+    t, places, types = track.footfalls["time_s"].to_numpy(), track.footfalls[POSITION].to_numpy(), store.types
+    rows = np.searchsorted(track.t, t).clip(max=len(track.t) - 1)
+    at, quaternion = _find_stamps(track, t).tolist(), quaternion_xyzw(track.nav_R_body[rows])
+    stamped = types["geometry_msgs/msg/PoseStamped"]
+    poses = [
+        stamped(_make_header(stamp, types), _make_pose(places[k], quaternion[k], types)) for k, stamp in enumerate(at)
+    ]
+    line = types["nav_msgs/msg/Path"](_make_header(at[-1], types), poses)
+    # both topics, into the one file of a bag
     with TemporaryDirectory(dir=path.parent) as folder:
         place = Path(folder) / path.stem
         writer = Writer(place, version=9, storage_plugin=StoragePlugin.MCAP)
         writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         with writer:
             for topic, kind, messages in (
-                (ODOMETRY, "nav_msgs/msg/Odometry", _make_odometry(track, stamps, store.types)),
-                (PATH, "nav_msgs/msg/Path", iter([(int(stamps[-1]), _make_path(track, store.types))])),
+                (ODOMETRY, "nav_msgs/msg/Odometry", _make_odometry(track, stamps, types)),
+                (PATH, "nav_msgs/msg/Path", iter([(int(stamps[-1]), line)])),
             ):
                 connection = writer.add_connection(topic, kind, typestore=store)
                 for stamp, message in messages:
@@ -159,18 +149,6 @@ def _make_odometry(track: ExportTrack, stamps: Ints, types: Any) -> Iterator[tup
                 types["geometry_msgs/msg/TwistWithCovariance"](twist, unknown),
             ),
         )
-
-
-def _make_path(track: ExportTrack, types: Any) -> Any:
-    t, places = track.footfalls["time_s"].to_numpy(), track.footfalls[POSITION].to_numpy()
-    rows = np.searchsorted(track.t, t).clip(max=len(track.t) - 1)
-    stamps, quaternion = _find_stamps(track, t).tolist(), quaternion_xyzw(track.nav_R_body[rows])
-    stamped = types["geometry_msgs/msg/PoseStamped"]
-    poses = [
-        stamped(_make_header(stamp, types), _make_pose(places[k], quaternion[k], types))
-        for k, stamp in enumerate(stamps)
-    ]
-    return types["nav_msgs/msg/Path"](_make_header(stamps[-1], types), poses)
 
 
 def _make_header(stamp_ns: int, types: Any) -> Any:

@@ -1,16 +1,5 @@
 """The path that is exported, at the recording's rate, with its footfalls, from a solution or from a result folder.
 
-Symbols (frames: see `fg_nav`)
-
-============ ============ ==================================================================================
-t            s            (N,) stamps of the recording's own clock
-position     m            (N, 3) nav
-nav_R_body                (N, 3, 3)
-velocity     m/s          (N, 3) nav; of a folder the central difference of `position`
-footfalls                 table of K rows with the columns of `strides.csv`
-cov          m^2          (K, 3, 3) of the footfalls' positions
-============ ============ ==================================================================================
-
 Turning by a clockwise from above: p' = R p, nav'_R_body = R nav_R_body, P' = R P R^T with R = R_z(-a), heading' =
 heading + a. It lays a path whose north is magnetic, or that of the sensor at the start, onto true north.
 
@@ -61,17 +50,17 @@ FRAME = (
 
 @dataclass(frozen=True)
 class ExportTrack:
-    """A path to export. `start` is the instant of the first stamp, where given; `notes` are for the user."""
+    """A path to export."""
 
     name: str
     method: str
-    t: Floats
-    position: Floats
-    nav_R_body: Floats
-    velocity: Floats
-    footfalls: pd.DataFrame
-    start: datetime | None = None
-    notes: tuple[str, ...] = ()
+    t: Floats  # (N,) s, stamps of the recording's own clock
+    position: Floats  # (N, 3) m, navigation frame
+    nav_R_body: Floats  # (N, 3, 3)
+    velocity: Floats  # (N, 3) m/s, navigation frame; of a folder the central difference of `position`
+    footfalls: pd.DataFrame  # a row a footfall, with the columns of `strides.csv`
+    start: datetime | None = None  # instant of the first stamp, where given
+    notes: tuple[str, ...] = ()  # for the user
 
     @classmethod
     def of(cls, solution: Solution, name: str = "walk") -> ExportTrack:

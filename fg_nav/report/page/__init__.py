@@ -1,15 +1,7 @@
-"""`report.html`: one self-contained page of a result.
+"""`report.html`: one self-contained page of a result (docs/files.md).
 
-It has the verdict, the figures of merit, sections with sentences and charts, remarks and parameters:
-
-========= =============================================================================================================
-one foot  path, graph, height, sigma, stances, gyroscope bias, heading (compass against gyroscope), field strength,
-          places recognized, errors
-two feet  path of the person and of both feet, distance between the feet, height, sigma, gyroscope bias, heading,
-          errors
-========= =============================================================================================================
-
-Each section is always there, and gives the reason where it has no chart.
+It has the verdict, the figures of merit, sections with sentences and charts, remarks and parameters. Each section is
+always there, and gives the reason where it has no chart.
 
 plotly.js (its basic bundle, MIT licence, in `LICENSE-plotly.txt`) stands in the page; it is packed in the package, and
 the figures are plain dictionaries, so no other package is needed. A policy in the page forbids every request, and all
@@ -29,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fg_nav.arrays import interpolate_columns
+from fg_nav.evaluation.comparison import Comparison
 from fg_nav.report import REPORT
 from fg_nav.report.charts import (
     GRAY,
@@ -62,7 +55,7 @@ from fg_nav.report.series import (
     draw_samples,
     draw_sigmas,
     draw_strength,
-    group_by_verdict,
+    group_field,
 )
 from fg_nav.report.terminal import FIGURES, Cell, collect_notes, tabulate_figures
 from fg_nav.samples.gaps import find_unrecorded
@@ -76,18 +69,7 @@ if TYPE_CHECKING:
 PLOTLY = "plotly-basic-4.1.1.min.js"
 _HERE = Path(__file__).parent
 
-_KINDS = {
-    "imu": "inertial",
-    "zero_velocity": "zero velocity",
-    "magnetic_heading": "magnetic heading",
-    "differential_field": "differential field",
-    "field_potential": "field potential",
-    "same_place": "same place",
-    "known_place": "known place",
-    "direction": "direction of the building",
-    "position_fix": "position fix",
-    "own": "your own",
-}
+_KINDS = {"imu": "inertial", "direction": "direction of the building", "own": "your own"}  # Others as they are named.
 
 
 @dataclass(frozen=True)
@@ -207,19 +189,22 @@ def _choose_highlights(summary: Mapping[str, Any]) -> list[tuple[str, Cell, str]
 def _draw_sections(
     outcomes: Mapping[str, Outcome], walks: Mapping[str, Walk], both: FeetResult | None
 ) -> list[Section]:
+    """Draw the sections, each with its sentences; of two feet without graph, stances, field and returns."""
     walk = next(iter(walks.values()), None)
     paths = align_paths(outcomes, walk) if both is None else align_feet(both)
     views, frame, first = paths.views, paths.frame, paths.first
     words = [frame.words, describe_ellipses(first)]
+    if both is not None:
+        words = [_describe_origin(both), *words]
     people = {} if paths.person is None else {"person": paths.person}
-    path = Section("path", "Path", words if both is None else [_describe_origin(both), *words], [draw_course(paths)])
+    path = Section("path", "Path", words, [draw_course(paths)])
     height = Section("height", "Height", [], [draw_height(views)])
     sigma = Section("sigma", "Uncertainty", [], [draw_sigmas({**views, **people}, (frame.x, frame.y))])
     bias = Section("bias", "Gyroscope bias", [], [draw_gyro_bias(views)])
     # errors, each path by its own alignment
     aligned = {name: align_solution(walks.get(name), outcome) for name, outcome in outcomes.items()} | people
     compared = {name: view for name, view in aligned.items() if view.comparison is not None}
-    words = [describe_alignment(view) for view in compared.values()]
+    words = [describe_alignment(view.comparison) for view in compared.values() if view.comparison is not None]
     if len(compared) > 1:
         words = [f"{name}: {one}" for name, one in zip(compared, words, strict=True)]
     if not compared:
@@ -233,38 +218,51 @@ def _draw_sections(
     words = describe_graph({name: view.solution for name, view in views.items()})
     with_graph = next((view for view in views.values() if view.solution.graph), first)
     graph = Section("graph", "The graph", words, draw_graph(with_graph, frame))
-    # the field, of a single foot or of the methods' one recording
+    # stances
+    words, charts = ["The samples of this walk were not kept, as asked by --lag."], list[Chart]()
+    if walk is not None:
+        found, charts = walk.stances, draw_samples(walk.recording, walk.stances)
+        footfalls = format_count(found.n_footfalls, "footfall")
+        words = [f"{footfalls} in {format_count(len(found), 'stance')} ({found.detector})."]
+        if not len(found):
+            pocket = walk.options.mount == "pocket"
+            words = ["No stances are used: a thigh never stands still." if pocket else "None."]
+    stances = Section("stances", "Stances", words, charts)
+    # places recognized, the longest first
+    recognized = sorted(first.solution.returns, key=lambda one: -one.length_m)
+    words = [describe_return(one) for one in recognized[:MAX_RETURNS]]
+    if more := len(recognized) - len(words):
+        words.append(f"{format_count(more, 'more return')} of {recognized[MAX_RETURNS].length_m:.0f} m or less.")
+    words = words or ["No place was recognized as one where the walk was before."]
+    returns = Section("returns", "Places recognized", words, draw_returns(recognized[:MAX_RETURNS]))
+    return [path, graph, height, sigma, stances, bias, *_draw_field(views, walk), returns, errors]
+
+
+def _draw_field(views: Mapping[str, AlignedSolution], walk: Walk | None) -> list[Section]:
+    """Draw heading and field of a single foot, or of the methods' one recording; of several methods the first one's."""
     missing = "The samples of this walk were not kept, so its field is not shown."
     if walk is not None and walk.recording.mag is None and walk.options.use_magnetometer and not walk.unjudged:
         missing = "The recording has no magnetometer."
     elif walk is not None:
         missing = f"No field is shown: {walk.unjudged.rstrip('.') or 'it was not looked at'}."
-    words, headings, counts, strengths = [missing], [draw_headings(views)], missing, list[Chart]()
+    words, headings, counts, strengths = missing, [draw_headings(views)], missing, list[Chart]()
     if walk is not None and walk.field is not None:
-        table, field = first.solution.stances, walk.field
+        table, field = next(iter(views.values())).solution.stances, walk.field
         headings.append(draw_compass(field, table))
         turned = np.rad2deg(field.mean_heading_difference)
-        words = [f"The compass shows {turned:+.1f}° more than the gyroscope on the mean."]
-        clear, disturbed, _ = (int(flag.sum()) for flag, _, _ in group_by_verdict(field, table))
+        words = f"The compass shows {turned:+.1f}° more than the gyroscope on the mean."
+        clear, disturbed, _ = (int(flag.sum()) for flag, _, _ in group_field(field, table))
         counts = f"At {clear} of {len(field)} footfalls the field is undisturbed, at {disturbed} disturbed."
         strengths = [draw_strength(field, table)]
-    heading = Section("heading", "Heading, and compass against gyroscope", words, headings)
-    strength = Section("strength", "Field strength along the path", [counts], strengths)
-    # places recognized, the longest first
-    found = sorted(first.solution.returns, key=lambda one: -one.length_m)
-    words = [describe_return(one) for one in found[:MAX_RETURNS]]
-    if more := len(found) - len(words):
-        words.append(f"{format_count(more, 'more return')} of {found[MAX_RETURNS].length_m:.0f} m or less.")
-    words = words or ["No place was recognized as one where the walk was before."]
-    returns = Section("returns", "Places recognized", words, draw_returns(found[:MAX_RETURNS]))
-    return [path, graph, height, sigma, _draw_stances(walk), bias, heading, strength, returns, errors]
+    return [
+        Section("heading", "Heading, and compass against gyroscope", [words], headings),
+        Section("strength", "Field strength along the path", [counts], strengths),
+    ]
 
 
-def describe_alignment(view: AlignedSolution) -> str:
+def describe_alignment(comparison: Comparison) -> str:
     """Alignment of a path with its truth, in words and figures."""
-    if view.comparison is None:
-        return ""
-    found = view.comparison.alignment
+    found = comparison.alignment
     if found.mode == "none":
         return "The path was not aligned with the truth."
     words = {
@@ -275,7 +273,7 @@ def describe_alignment(view: AlignedSolution) -> str:
     turn_deg = -np.rad2deg(np.arctan2(found.truth_R_nav[1, 0], found.truth_R_nav[0, 0]))
     side = "clockwise" if turn_deg > 0 else "counterclockwise"
     turned = "" if found.mode == "origin" else f", by {abs(turn_deg):.2f}° {side}"
-    return f"The path was {words}{turned}. {len(view.comparison.t)} points are compared."
+    return f"The path was {words}{turned}. {len(comparison.t)} points are compared."
 
 
 def describe_graph(solutions: Mapping[str, Solution]) -> list[str]:
@@ -283,22 +281,12 @@ def describe_graph(solutions: Mapping[str, Solution]) -> list[str]:
     words = []
     for name, one in solutions.items():
         if one.graph:
-            counts = {kind: count for kind, count in one.graph.items() if kind in _KINDS}
-            kinds = ", ".join(f"{_KINDS[kind]} {count}" for kind, count in counts.items())
+            counts = {kind: count for kind, count in one.graph.items() if kind != "gated_out"}
+            kinds = ", ".join(f"{_KINDS.get(kind, kind.replace('_', ' '))} {count}" for kind, count in counts.items())
             left_out = one.graph.get("gated_out", 0)
             gated = f" The gate left out the compass of {format_count(left_out, 'footfall')}." if left_out else ""
             words.append(f"Factors of {name} by kind: {kinds}; {sum(counts.values())} in all.{gated}")
     return words or [f"No graph: {', '.join(solutions)} has none, or does not tell its factors."]
-
-
-def _draw_stances(walk: Walk | None) -> Section:
-    if walk is None:
-        return Section("stances", "Stances", ["The samples of this walk were not kept, as asked by --lag."])
-    found = walk.stances
-    words = f"{format_count(found.n_footfalls, 'footfall')} in {format_count(len(found), 'stance')} ({found.detector})."
-    if not len(found):
-        words = "No stances are used: a thigh never stands still." if walk.options.mount == "pocket" else "None."
-    return Section("stances", "Stances", [words], draw_samples(walk.recording, found))
 
 
 def _describe_origin(both: FeetResult) -> str:

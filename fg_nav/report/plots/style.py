@@ -1,17 +1,7 @@
 """Common style of all pictures, charts (`fg_nav.report.charts`) drawn by matplotlib, and the pictures of a walk.
 
-Quiet axes, a palette for all eyes, one width. The palette of what is no chart is that of Okabe and Ito (Color Universal
-Design, 2008), in an order that keeps neighbours apart also in grey; truth is always the same wide grey line below the
-others. No global state of matplotlib is touched beyond the `styled` block, and no window system is needed.
-
-Pictures of a walk are charts of the page as PNG, from above and over time:
-
-==================== ========================================================
-run                  trajectory, heading, gyro_bias, stance_statistic
-two feet             trajectory
-comparison           trajectories, errors (with a truth), stance_statistic;
-                     per method trajectory, heading, gyro_bias
-==================== ========================================================
+Quiet axes, one width. No global state of matplotlib is touched beyond the `styled` block, and no window system is
+needed. Pictures of a walk are charts of the page as PNG (docs/files.md).
 """
 
 from __future__ import annotations
@@ -27,7 +17,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
-from matplotlib.figure import Figure, FigureBase
+from matplotlib.figure import Figure
 from matplotlib.image import imsave
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator, MultipleLocator, NullLocator
@@ -49,12 +39,7 @@ if TYPE_CHECKING:
     from fg_nav.both_feet import FeetResult
     from fg_nav.walk import Outcome, Walk
 
-BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
-CYCLE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)  # Colours of methods or axes, in order.
-
-INK, SOFT_INK, GRID, TRUTH = "#222222", "#6B6B6B", "#E6E6E6", "#9A9A9A"
-TRUTH_LINE: dict[str, Any] = {"color": TRUTH, "linewidth": 3.0, "alpha": 0.7}
-
+INK, SOFT_INK, GRID = "#222222", "#6B6B6B", "#E6E6E6"
 WIDTH_IN, DPI = 8.0, 150
 _LINE_LETTERS, _HANDLE_LETTERS = 105, 5  # Letters of a legend over the width of a picture, and width of its signs.
 _CAPTION_LETTERS = 128  # Of a caption over the width of a picture.
@@ -94,11 +79,6 @@ _RC: dict[Any, Any] = {
     "path.simplify_threshold": 0.3,
     "agg.path.chunksize": 20000,
 }
-
-
-def colours(count: int) -> list[str]:
-    """Return one colour a method; after six they begin again."""
-    return [CYCLE[i % len(CYCLE)] for i in range(count)]
 
 
 @contextmanager
@@ -149,7 +129,14 @@ def render_matplotlib(*charts: Chart, title: str, caption: str | None = None) ->
         figure = new_figure(sum(heights))
         parts = figure.subfigures(len(charts), 1, squeeze=False, height_ratios=heights)[:, 0]
         for k, (part, chart) in enumerate(zip(parts, charts, strict=True)):
-            draw_chart(part, chart, title if k == 0 else "")
+            # panels below one another, the title above the first, a legend above each
+            names = [name for name in chart.layout if name.startswith("yaxis")]
+            shares = [float(np.ptp(chart.layout[name].get("domain", (0.0, 1.0)))) for name in names]
+            panels = part.subplots(len(names), 1, sharex=True, squeeze=False, height_ratios=shares)[:, 0]
+            for axes, name in zip(panels, names, strict=True):
+                draw_panel(axes, chart, name)
+                axes.label_outer()
+                head(axes, title if k == 0 and axes is panels[0] else "")
             words = chart.caption if caption is None else caption
             if caption is None or k == len(charts) - 1:
                 below: dict[str, Any] = {"x": 0.01, "ha": "left", "fontsize": 8.5, "color": SOFT_INK}
@@ -167,17 +154,6 @@ def find_height(chart: Chart) -> float:
 def find_map_height(width_m: float, height_m: float) -> float:
     """Height of a picture in inches of a map of this extent."""
     return float(np.clip(WIDTH_IN * height_m / width_m, 3.5, 8.0)) + 0.9
-
-
-def draw_chart(figure: FigureBase, chart: Chart, title: str) -> None:
-    """Draw a chart into a figure: its panels below one another, the title above the first, a legend above each."""
-    names = [name for name in chart.layout if name.startswith("yaxis")]
-    shares = [float(np.ptp(chart.layout[name].get("domain", (0.0, 1.0)))) for name in names]
-    panels = figure.subplots(len(names), 1, sharex=True, squeeze=False, height_ratios=shares)[:, 0]
-    for axes, name in zip(panels, names, strict=True):
-        draw_panel(axes, chart, name)
-        axes.label_outer()
-        head(axes, title if axes is panels[0] else "")
 
 
 def draw_panel(axes: Axes, chart: Chart, name: str = "yaxis") -> None:

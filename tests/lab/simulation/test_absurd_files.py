@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from fg_nav.commands.config import parse_setting
 from fg_nav.errors import SimulationError
 from fg_nav.lab.simulation.scenario_file import parse_scenario
 
@@ -29,7 +28,3 @@ def test_absurd_scenarios(text: str, words: str) -> None:
     with pytest.raises(SimulationError, match=words) as caught:
         parse_scenario("mine.toml", text)
     assert len(str(caught.value)) < 300
-
-
-def test_a_setting_of_brackets_is_a_word() -> None:
-    assert parse_setting("a=" + "[" * 100_000)[1] == "[" * 100_000

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
+from fg_nav.lab import palette
 from fg_nav.lab.campaign.walks import LOOP
 from fg_nav.lab.reproduce import walks as read
 from fg_nav.lab.reproduce.aiez2017.corridor import DETECTOR_OF, STRENGTHS, corridor_experiment, figure_5, figure_6
@@ -219,7 +220,7 @@ def figure_7(pictures: Pictures, walks: Walks, fields: Sequence[str]) -> Picture
     with style.styled():
         figure, panels = new_panels(1, len(fields), 5.0, 4.8 * len(fields) + 0.4)
         for axes, field in zip(panels, fields, strict=True):
-            colours = (style.ORANGE, style.VERMILION, style.BLUE)
+            colours = (palette.ORANGE, palette.VERMILION, palette.BLUE)
             for (name, words), colour in zip(NAMES.items(), colours, strict=True):
                 results = walks.of(BUILDING, field, columns_of(name).get(PRINTED, name))
                 result = next((result for result in results if not result.failed), None)

@@ -17,6 +17,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from fg_nav.arrays import Bools, Floats
+from fg_nav.lab import palette
 from fg_nav.lab.reproduce.aiez2017.magnet import FAR, NEAR, STRONGER, Judged, measure_separation, pool
 from fg_nav.lab.reproduce.drawing import Pictures, new_panels
 from fg_nav.lab.reproduce.results import ABOVE, Experiment, Picture, Reason, Row, Spread, one_line, reason_for
@@ -106,8 +107,8 @@ def figure_5(pictures: Pictures, walk: Arrays) -> Picture:
     with style.styled():
         figure, [axes] = new_panels(1, 1, 2.6)
         for places, mark, colour, size, label in (
-            (walk["place"], ".", style.TRUTH, 4.0, "footfalls"),
-            (walk["place"][near], "o", style.VERMILION, 5.0, "turned by over 10 deg"),
+            (walk["place"], ".", palette.TRUTH, 4.0, "footfalls"),
+            (walk["place"][near], "o", palette.VERMILION, 5.0, "turned by over 10 deg"),
             (walk["magnet"][None, :2], "s", style.INK, 7.0, "magnet"),
         ):
             axes.plot(places[:, 1], places[:, 0], mark, color=colour, markersize=size, label=label)
@@ -153,8 +154,8 @@ def _draw_verdicts(axes: Axes, walk: Arrays, part: Bools, accepted: Bools) -> No
     compass: Floats = np.degrees(smooth + np.angle(np.exp(1j * (walk["compass"][part] - smooth))))
     near = (walk["turned_deg"] > NEAR[0])[part]
     axes.plot(t, np.degrees(smooth), color=style.INK, linewidth=1.2, label="INS heading")
-    axes.plot(t, compass, color=style.ORANGE, linewidth=0.9, label="magnetic heading")
-    axes.plot(t[accepted[part]], compass[accepted[part]], "o", color=style.BLUE, markersize=3.0, label="accepted")
+    axes.plot(t, compass, color=palette.ORANGE, linewidth=0.9, label="magnetic heading")
+    axes.plot(t[accepted[part]], compass[accepted[part]], "o", color=palette.BLUE, markersize=3.0, label="accepted")
     axes.plot(
         t[near], compass[near], "o", color="red", markersize=9.0, markerfacecolor="none", label="disturbed", zorder=5
     )

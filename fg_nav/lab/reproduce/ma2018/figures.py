@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from fg_nav.arrays import Bools, Floats
+from fg_nav.lab import palette
 from fg_nav.lab.reproduce import drawing
 from fg_nav.lab.reproduce.drawing import Pictures
 from fg_nav.lab.reproduce.ma2018 import walks as tables
@@ -29,7 +30,7 @@ def figure_3(pictures: Pictures, walks: Mapping[str, Arrays]) -> Picture:
     """Strength along the office, by field."""
     with style.styled():
         figure, [axes] = drawing.new_panels(1, 1, 3.2)
-        for (field, walk), colour in zip(walks.items(), style.CYCLE, strict=False):
+        for (field, walk), colour in zip(walks.items(), palette.CYCLE, strict=False):
             axes.plot(walk["strength_t"], MG_PER_UT * walk["strength"], color=colour, linewidth=0.6, label=field)
         axes.set(xlabel="time (s)", ylabel="magnitude (mG)")
         axes.margins(x=0.01)
@@ -49,7 +50,7 @@ def figure_6(pictures: Pictures, loop: Loop) -> Picture:
     with style.styled():
         figure, panels = drawing.new_panels(1, 3, 3.5, 9.0)
         for axes, (letter, i, j) in zip(panels, _PLANES, strict=True):
-            for readings, colour, label in ((raw, style.VERMILION, "raw"), (corrected, style.BLUE, "corrected")):
+            for readings, colour, label in ((raw, palette.VERMILION, "raw"), (corrected, palette.BLUE, "corrected")):
                 axes.plot(*MG_PER_UT * readings[:, (i, j)].T, ".", color=colour, markersize=1.5, label=label)
             axes.set(xlabel=f"{'XYZ'[i]} (mG)", ylabel=f"{'XYZ'[j]} (mG)")
             axes.set_aspect("equal", adjustable="datalim")
@@ -69,7 +70,7 @@ def figure_7(pictures: Pictures, loop: Loop) -> Picture:
     with style.styled():
         figure, [axes] = drawing.new_panels(1, 1, 3.4)
         axes.axhspan(-5.0, 5.0, color="#DCE9F2", zorder=0)
-        for (label, method), colour in zip(_COMPARED.items(), style.CYCLE[1::-1] + style.CYCLE[2:], strict=False):
+        for (label, method), colour in zip(_COMPARED.items(), palette.CYCLE[1::-1] + palette.CYCLE[2:], strict=False):
             axes.plot(np.degrees(loop.heading[method]), ".-", color=colour, linewidth=0.8, markersize=3.0, label=label)
         axes.set(xlabel="footfall", ylabel="heading difference (deg)")
         axes.margins(x=0.01)
@@ -82,9 +83,9 @@ def figure_8(pictures: Pictures, cases: Mapping[str, Case]) -> Picture:
     """ROC of the proposed detector, with 170 marked."""
     with style.styled():
         figure, [axes] = drawing.new_panels(1, 1, 4.6, 5.6)
-        for (field, case), colour in zip(cases.items(), style.CYCLE, strict=False):
+        for (field, case), colour in zip(cases.items(), palette.CYCLE, strict=False):
             _draw_roc(axes, case.roc(MA), f"{field}, {LIMIT_UT[field]:g} uT", colour, "-")
-        _draw_roc(axes, cases[FIELD].roc(OURS), f"{FIELD}, physical", style.CYCLE[1], (0, (4, 2)))
+        _draw_roc(axes, cases[FIELD].roc(OURS), f"{FIELD}, physical", palette.CYCLE[1], (0, (4, 2)))
         axes.plot([0, 1], [0, 1], color=style.SOFT_INK, linewidth=0.8, linestyle=(0, (2, 3)))
         axes.set(xlim=(-0.01, 1.01), ylim=(-0.01, 1.01), xlabel="probability of false alarm")
         axes.set(ylabel="probability of detection", box_aspect=1)
@@ -125,11 +126,11 @@ def draw_headings(axes: Axes, walk: Arrays, part: Bools, title: str) -> None:
     """Draw the headings of those footfalls; the compass broken where it turns by more than half a round."""
     t = walk["t"][part]
     compass, gyroscope, estimate = (_near(walk[name][part], walk["gyroscope"][part]) for name in _HEADINGS)
-    axes.plot(t, compass, color=style.ORANGE, linewidth=0.8, label="compass")
+    axes.plot(t, compass, color=palette.ORANGE, linewidth=0.8, label="compass")
     axes.plot(t, gyroscope, color=style.INK, linewidth=1.2, label="gyroscope")
-    axes.plot(t, estimate, color=style.BLUE, linewidth=1.2, label="filter")
+    axes.plot(t, estimate, color=palette.BLUE, linewidth=1.2, label="filter")
     used = walk["used"][part]
-    axes.plot(t[used], compass[used], "o", color=style.VERMILION, markersize=2.8, label="accepted", zorder=5)
+    axes.plot(t[used], compass[used], "o", color=palette.VERMILION, markersize=2.8, label="accepted", zorder=5)
     axes.set_ylabel("heading (deg)")
     axes.margins(x=0.01)
     style.head(axes, title)
@@ -177,7 +178,7 @@ def figure_10(pictures: Pictures, walks: Walks, fields: Sequence[str]) -> Pictur
         figure, panels = drawing.new_panels(len(fields), 3, 3.0 * len(fields) + 0.3, 10.0)
         for k, field in enumerate(fields):
             for axes, (name, method), letter in zip(panels[3 * k :], DRAWN.items(), "abc", strict=False):
-                _draw(axes, first(walks, tables.OFFICE, field, method), tables.NAMES[name], style.BLUE)
+                _draw(axes, first(walks, tables.OFFICE, field, method), tables.NAMES[name], palette.BLUE)
                 axes.set_title(f"({letter}) {tables.NAMES[name]}, {field}")
     return pictures.keep(
         figure,
@@ -192,7 +193,7 @@ def figure_12(pictures: Pictures, walks: Walks, fields: Sequence[str]) -> Pictur
     with style.styled():
         figure, panels = drawing.new_panels(1, len(fields), 5.2, 4.8 * len(fields) + 0.4)
         for axes, field in zip(panels, fields, strict=True):
-            colours = (style.ORANGE, style.VERMILION, style.BLUE)
+            colours = (palette.ORANGE, palette.VERMILION, palette.BLUE)
             for (name, method), colour in zip(DRAWN.items(), colours, strict=True):
                 _draw(
                     axes,

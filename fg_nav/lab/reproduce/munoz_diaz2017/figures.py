@@ -14,14 +14,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fg_nav.arrays import Floats
+from fg_nav.lab import palette
 from fg_nav.lab.reproduce.munoz_diaz2017.runs import Run
 from fg_nav.lab.reproduce.munoz_diaz2017.walks import AllanPair, Setting
 from fg_nav.lab.simulation.fields import Cylinders
 from fg_nav.report.plots import style
 
-COLOURS = (style.BLUE, "#CC3311", style.GREEN)
+COLOURS = (palette.BLUE, "#CC3311", palette.GREEN)
 NAMES = ("x", "y", "z")
-BOTH, ALONE = "#CC33AA", style.GREEN
+BOTH, ALONE = "#CC33AA", palette.GREEN
 """Trajectories by both updates and by gravity only, as in Figure 14."""
 BLOCK_M = (40.0, 11.0)  # Half the length and half the width of what Figure 4 shows.
 
@@ -147,7 +148,7 @@ def _perturbed(settings: Mapping[str, Setting], runs: Mapping[str, Run | None]) 
     panels = figure.subplots(1, 3 if "cars" in runs else 2)
     run = runs["cars, detector"]
     if run is not None and run.strength is not None:
-        panels[0].plot(run.minute, run.strength, color=style.BLUE, linewidth=0.7, label="strength")
+        panels[0].plot(run.minute, run.strength, color=palette.BLUE, linewidth=0.7, label="strength")
         if "cars" in runs:
             used = np.where(run.used, run.strength, np.nan)
             panels[0].plot(run.minute, used, color=COLOURS[1], linewidth=1.0, label="update active")
@@ -172,7 +173,7 @@ def _yaws(runs: Mapping[str, Run | None]) -> Figure:
     for axes, (case, title) in zip(figure.subplots(2, 2).ravel(), titles.items(), strict=True):
         run = runs[case]
         if run is not None:
-            axes.plot(run.minute, run.yaw_error, color=style.BLUE)
+            axes.plot(run.minute, run.yaw_error, color=palette.BLUE)
         axes.set(xlabel="time (min)", ylabel="yaw error (deg)")
         style.head(axes, title)
     return figure
@@ -182,7 +183,7 @@ def _trajectories(setting: Setting, runs: Mapping[str, Run | None]) -> Figure:
     figure = style.new_figure(4.0)
     for axes, legs, title in zip(figure.subplots(1, 2), (2, None), ("(a) first round trip", "(b) all"), strict=True):
         part = slice(None) if legs is None else setting.legs < legs
-        axes.plot(*setting.path[part].T, color=style.ORANGE, linewidth=3, label="true")
+        axes.plot(*setting.path[part].T, color=palette.ORANGE, linewidth=3, label="true")
         for case, colour, name in (("MTw, calibrated", BOTH, "both updates"), ("MTw, gravity", ALONE, "gravity only")):
             run = runs[case]
             if run is not None:
@@ -200,8 +201,8 @@ def _streets(setting: Setting) -> Figure:
     if setting.street is not None:
         east, north = setting.street.axis.T
         car = setting.street.radius > 1.0
-        axes.plot(east[car], north[car], "o", color=style.BLUE, label="cars")
-        axes.plot(east[~car], north[~car], ".", color=style.GREEN, label="lamps")
+        axes.plot(east[car], north[car], "o", color=palette.BLUE, label="cars")
+        axes.plot(east[~car], north[~car], ".", color=palette.GREEN, label="lamps")
     axes.set(xlabel="east (m)", ylabel="north (m)", xlim=(-20, 520))
     style.head(axes, "Figure 7b: the walk and what stands beside it", 3)
     return figure
