@@ -126,7 +126,7 @@ def locate(path: Signature, known: SavedPlaces) -> Location | None:
     found, kept = overlay_known(path, known.path), list[Stretch]()
     for stretch in found.stretches:
         pieces = _cut_pieces(path, known, [stretch])
-        if _agrees(pieces, _fit_transform(pieces, None)):
+        if _agrees(pieces, _fit_transform(pieces)):
             kept.append(stretch)
     return _place(path, known, replace(found, stretches=tuple(kept)))
 
@@ -149,11 +149,11 @@ def _place(path: Signature, known: SavedPlaces, found: Recognition) -> Location 
                 covered = np.concatenate([covered, stretches[k].later])
         scores.append(total)
     best = int(np.argmax(scores))
-    fit = _fit_transform(pieces.of(sets[best]), None)
+    fit = _fit_transform(pieces.of(sets[best]))
     # odds of rival sets, which put the walk elsewhere: the best set of each place
     places, odds = [fit], 0.0
     for k in np.argsort(-np.array(scores), kind="stable").tolist():
-        other = _fit_transform(pieces.of(sets[k]), None)
+        other = _fit_transform(pieces.of(sets[k]))
         if all(_is_elsewhere(other, place) for place in places):
             places.append(other)
             odds += float(np.exp(-found.chance.decay * max(scores[best] - scores[k], 0.0)))
@@ -192,11 +192,11 @@ def _cut_pieces(path: Signature, known: SavedPlaces, stretches: Sequence[Stretch
 def _grow(pieces: Pieces, count: int, start: int) -> list[int]:
     """Return the stretches consistent with stretch `start`: greedy, best of `count` first, refitted each time."""
     members = [start]
-    fit = _fit_transform(pieces.of(members), None)
+    fit = _fit_transform(pieces.of(members))
     for k in range(count):
         if k != start and _agrees(pieces.of([k]), fit):
             members.append(k)
-            fit = _fit_transform(pieces.of(members), fit)
+            fit = _fit_transform(pieces.of(members))
     return members
 
 
@@ -210,9 +210,9 @@ def _agrees(one: Pieces, fit: _Transform) -> bool:
     return bool(np.max(chi2) <= MAX_CHI2)
 
 
-def _fit_transform(pieces: Pieces, begin: _Transform | None) -> _Transform:
-    """Gauss-Newton generalized least squares of translation and heading, from `begin` or the mean turn."""
-    x = np.append(np.zeros(3), average_angles(pieces.turn)) if begin is None else begin.x
+def _fit_transform(pieces: Pieces) -> _Transform:
+    """Gauss-Newton generalized least squares of translation and heading, from the mean turn."""
+    x = np.append(np.zeros(3), average_angles(pieces.turn))
     weight = np.linalg.inv(_covariance_of(pieces))
     information = np.eye(4)
     for _ in range(STEPS):

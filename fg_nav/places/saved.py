@@ -26,10 +26,10 @@ VERSION = 1
 MAX_POINTS = 200_000  # A walk of 100 km.
 MAX_BYTES = 200 * MAX_POINTS  # Of all arrays as they are unpacked: a point takes 97.
 
-# No walk is as long, no clock counts farther, no magnetometer on a foot reads as much.
-LARGEST = {"distance_m": 1e6, "t": 1e11, "position": 1e6, "heading": 1e6, "field": 1e4, "sigma_m": 1e6}
-# Shapes of the rows.
-COLUMNS = {"distance_m": (), "t": (), "position": (3,), "heading": (), "field": (3,), "seen": (), "sigma_m": (3,)}
+COLUMNS: dict[str, tuple[tuple[int, ...], float]] = {  # Shapes of the rows, and what no walk, clock or field exceeds.
+    "distance_m": ((), 1e6), "t": ((), 1e11), "position": ((3,), 1e6), "heading": ((), 1e6), "field": ((3,), 1e4),
+    "seen": ((), 1.0), "sigma_m": ((3,), 1e6),
+}  # fmt: skip
 
 Arrays: TypeAlias = dict[str, NDArray[Any]]
 
@@ -124,11 +124,11 @@ def _load(file: Path, names: tuple[str, ...] = ()) -> Arrays:
 def _find_fault(arrays: Arrays) -> str | None:
     """Return the first fault of the columns, to follow the file's name in an error; None if valid."""
     count = len(np.atleast_1d(arrays.get("t", np.zeros(0))))
-    for name, shape in COLUMNS.items():
+    for name, (shape, largest) in COLUMNS.items():
         column, kind = arrays.get(name), np.bool_ if name == "seen" else np.float64
         if column is None or column.shape != (count, *shape) or column.dtype != kind:
             return f"is damaged at '{name}'"
-        if name in LARGEST and not (np.abs(column) <= LARGEST[name]).all():
+        if not (np.abs(column) <= largest).all():
             return f"has numbers in '{name}' that cannot be"
     if not MIN_POINTS <= count <= MAX_POINTS:
         return f"has {count} points, and places have {MIN_POINTS} to {MAX_POINTS}"
