@@ -3,15 +3,9 @@
     samples -> intake -> blocks of `BLOCK_S` -> orientation and steps (`pocket.online`)
             -> their path so far (`pocket.dead_reckoning`) -> estimate
 
-<<<<<<< HEAD
 The functions are those of the batch (`fg_nav.pocket.navigate`), with the orientation from the past alone
 (docs/pocket.md). The blocks are those of the stamps, so that nothing depends on how the samples came. An estimate is
 where the body is at the end of a stride, and its heading is that of the stride.
-=======
-The functions are those of the batch (`fg_nav.pocket.navigate`), with the orientation of the filter forward. The blocks
-are those of the stamps, so that nothing depends on how the samples came. An estimate is where the body is at the end of
-a stride, and its heading is that of the stride.
->>>>>>> h44-r2online
 
 Every estimate adds up all steps so far, with the axes of the thigh as they are known then. In the first strides they
 are uncertain, so the path turns about its origin; a degree and more is a `Revision`. Their uncertainty is in the

@@ -171,9 +171,14 @@ def make_own_factors(extra: ExtraFactors, nodes: GraphNodes) -> OwnFactors:
     known = {*nodes.pose, *nodes.velocity, *nodes.bias}
     for i in range(graph.size()):
         factor: gtsam.NonlinearFactor | None = graph.at(i)
-        if factor is None or not factor.keys():
+        joins = [] if factor is None else factor.keys()
+        if factor is None or not joins:
             raise EstimationError(f"extra factor {i} joins no variable: leave it out.")
+<<<<<<< HEAD
         for key in list(factor.keys()):
+=======
+        for key in joins:
+>>>>>>> h44-r2smoother
             if key not in known:
                 raise EstimationError(
                     f"extra factor {i} joins {gtsam.DefaultKeyFormatter(key)}, which is no variable of this walk: use "
