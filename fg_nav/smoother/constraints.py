@@ -174,11 +174,7 @@ def make_own_factors(extra: ExtraFactors, nodes: GraphNodes) -> OwnFactors:
         joins = [] if factor is None else factor.keys()
         if factor is None or not joins:
             raise EstimationError(f"extra factor {i} joins no variable: leave it out.")
-<<<<<<< HEAD
-        for key in list(factor.keys()):
-=======
         for key in joins:
->>>>>>> h44-r2smoother
             if key not in known:
                 raise EstimationError(
                     f"extra factor {i} joins {gtsam.DefaultKeyFormatter(key)}, which is no variable of this walk: use "
