@@ -49,12 +49,15 @@ def test_a_stride_extends_the_graph_and_is_never_solved_in_batch_instead(
     assert not others
 
 
-def test_a_walk_in_progress_finds_the_bias_by_it_as_the_batch_does() -> None:
+def test_a_walk_finds_the_bias_by_it_at_its_end_as_the_batch_does() -> None:
     given = replace(WITHOUT_REST, gyr_density_deg_s=0.015)  # noise of the simulated gyroscope
     with_it, without = (replace(given, magnetic=replace(NO_HEADING, differential=used)) for used in (True, False))
-    online = fed(in_field(), OnlineOptions(parameters=with_it))
-    table, batch = online.smoothed(), polished(in_field(), OnlineOptions(parameters=with_it)).stances
-    inertial = fed(in_field(), OnlineOptions(parameters=without)).smoothed()
+    online, other = (fed(in_field(), OnlineOptions(parameters=one)) for one in (with_it, without))
+    for one in (online, other):
+        one.begin_end()
+        one.take_end()
+    table, inertial = online.smoothed(), other.smoothed()
+    batch = polished(in_field(), OnlineOptions(parameters=with_it)).stances
     middle = FOOTFALLS // 2
     assert online.initial.counts["differential_field"] > 2
     truth = corridor(seed=0).gyro_bias
