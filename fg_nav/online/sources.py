@@ -491,8 +491,13 @@ class TcpListener(ConnectedSource):
 
     async def _receive(self) -> None:
         self._accepted = asyncio.Queue[tuple[asyncio.StreamReader, asyncio.StreamWriter]]()
-        async with await asyncio.start_server(self._accept, sock=self._listener):
+        server = await asyncio.start_server(self._accept, sock=self._listener)
+        try:
             await super()._receive()
+        finally:  # without `async with`, which would wait for the end of each connection
+            server.close()
+            while not self._accepted.empty():
+                self._accepted.get_nowait()[1].close()
 
     async def _connect(self) -> Connection:
         reader, writer = await self._accepted.get()
