@@ -169,10 +169,6 @@ class _Follower:
             side: SensorWalk(one, self.navigators[side], partial(self._emit, side), partial(self._remark, side=side))
             for side, one in sensors.items()
         }
-        self._silence = {
-            side: Silence(one.source.name, one.options.stalled_s, one.options.until_silent_s, outlets.remark)
-            for side, one in sensors.items()
-        }
         self._open, self._merge = list(sensors), FeetMerge(sensors)
 
     async def read_sources(self, stop: threading.Event) -> None:
@@ -183,6 +179,11 @@ class _Follower:
                 sensor.source.start()
             # The walk so far, from its record.
             await run(pool, self._replay, stop)
+            # What the sources send from here on: the time of the replay is no silence.
+            silence = {
+                side: Silence(one.source.name, one.options.stalled_s, one.options.until_silent_s, self._outlets.remark)
+                for side, one in self._sensors.items()
+            }
             while not stop.is_set() and set(self._open) - silent:
                 # Rows of the foot that is behind, or of the other where it has sent nothing.
                 for side in sorted(self._open, key=lambda one: self._merge.newest[one]):
@@ -197,7 +198,7 @@ class _Follower:
                     if rows is None:
                         self._end_source(side)
                         break
-                    (silent.add if self._silence[side].is_over(len(rows)) else silent.discard)(side)
+                    (silent.add if silence[side].is_over(len(rows)) else silent.discard)(side)
                     self._put(side, rows)
                     if len(rows):
                         break
