@@ -25,6 +25,7 @@ from __future__ import annotations
 import asyncio
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -187,6 +188,7 @@ class _Follower:
             while not stop.is_set() and set(self._open) - silent:
                 # Rows of the foot that is behind, or of the other where it has sent nothing.
                 for side in sorted(self._open, key=lambda one: self._merge.newest[one]):
+                    began = time.monotonic()
                     try:
                         async with asyncio.timeout(WAIT_S):
                             rows = await self._sensors[side].source.read()
@@ -199,7 +201,7 @@ class _Follower:
                         self._end_source(side)
                         break
                     (silent.add if silence[side].is_over(len(rows)) else silent.discard)(side)
-                    self._put(side, rows)
+                    self._put(side, rows, min(time.monotonic() - began, WAIT_S))  # load is no silence
                     if len(rows):
                         break
                 # Those that need not wait for the other foot's, and the lines that they complete.
@@ -227,14 +229,14 @@ class _Follower:
             if words:
                 self._remark(words, side)
 
-    def _put(self, side: Side | None, rows: Floats) -> None:
-        """Put rows by the clock of both feet where those of both are merged."""
+    def _put(self, side: Side | None, rows: Floats, waited_s: float = 0.0) -> None:
+        """Put rows by the clock of both feet where those of both are merged, or note for how long none has come."""
         if self._status is not None:
             self._status.count_samples(len(rows))
         if self.feet is not None and side is not None:
             rows = rows.copy()
             rows[:, 0] += self.feet.offset_s[side]
-        self._merge.put(side, rows, WAIT_S)
+        self._merge.put(side, rows, waited_s)
 
     def _add_blocks(self) -> None:
         """Add the rows that need not wait for the other foot's, and send the status."""
