@@ -13,7 +13,6 @@ deaf        N on each, that never read
 most deaf   N on each, of which a tenth read and the others never do
 garbage     fifty connections that are opened again and again with random bytes, a line of 100 MB without an end, a
             frame that claims 2^40 bytes, a handshake that is never finished
-descriptors N readers on each, while the process that serves them may open 150 files only
 =========== ===========================================================================================
 
 Held up: from when something was due to when the thread goes on. Asked: 50 ms at most.
@@ -23,7 +22,6 @@ from __future__ import annotations
 
 import json
 import multiprocessing
-import resource
 import selectors
 import socket
 import threading
@@ -47,7 +45,6 @@ from fg_nav.view.servers import LIVE
 TICK_S, TICKS_A_LINE = 0.02, 50
 COMING_S = 0.003  # For each client to connect.
 HELD_UP_MS = 50.0
-FEW_FILES = 150
 HOST = "127.0.0.1"
 PROCESSES = multiprocessing.get_context("spawn")
 HANDSHAKE = (
@@ -162,7 +159,6 @@ CROWDS: dict[str, Callable[[Ports, int, Event], None] | None] = {
     "deaf": stay_deaf,
     "most deaf": stay_mostly_deaf,
     "garbage": send_garbage,
-    "descriptors": read_all,
 }
 
 
@@ -171,8 +167,7 @@ def measure(name: str, clients: int, seconds: float) -> Measured:
     count = int(seconds / TICK_S / TICKS_A_LINE)
     doors = open_port(HOST, 0, "lines"), open_port(HOST, 0, "page")
     ports = Ports(*(int(door.getsockname()[1]) for door in doors))
-    with few_files(name == "descriptors"):
-        served = ListenerProcess(*doors, HOST, print)
+    served = ListenerProcess(*doors, HOST, print)
     with closing(served), listener(ports, count) as found, crowd(CROWDS[name], ports, clients):
         held_up, watching = send_lines(served, count)
         arrived = dict(found.get(timeout=60.0) for _ in range(2))
@@ -238,16 +233,6 @@ def listener(ports: Ports, count: int) -> Iterator[Queue[tuple[str, list[float]]
     yield found
     process.join(10.0)
     process.kill()
-
-
-@contextmanager
-def few_files(few: bool) -> Iterator[None]:
-    """Let this process open few files only."""
-    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
-    if few:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (FEW_FILES, limits[1]))
-    yield
-    resource.setrlimit(resource.RLIMIT_NOFILE, limits)
 
 
 def judge_all(found: Sequence[Measured]) -> list[Figure]:

@@ -305,7 +305,9 @@ class FeetMerge:
 
     def take(self, alone: bool) -> Iterator[tuple[Side | None, Floats]]:
         """Yield blocks of both in turn, as far as both have come; all of them where there is no other to wait for."""
-        self._differs |= max(map(len, self._waits.values())) > MAX_HELD
+        # Clocks that differ do so until both feet have come as far again: a burst of one is no other clock.
+        apart = self._differs and max(self.newest.values()) - min(self.newest.values()) > HELD_S
+        self._differs = apart or max(map(len, self._waits.values())) > MAX_HELD
         alone = alone or self._differs or max(self.silent_s.values()) > HELD_S
         limit = np.inf if alone else min(self.newest.values())
         block_s = BLOCK_S if len(self._waits) > 1 else np.inf

@@ -5,8 +5,8 @@
     LineVerdict   judges the path up to each line
 
 A walk has sensors by side: that of one foot or pocket has one, without a side (None), that of two feet one on each. One
-loop reads all sources, while another thread computes. Rows of two feet are taken in the order of their stamps
-(`FeetMerge`), and their lines have the keys `foot` and `frame`.
+loop reads all sources, in a thread of its own, while the main thread computes, so that signals interrupt that. Rows of
+two feet are taken in the order of their stamps (`FeetMerge`), and their lines have the keys `foot` and `frame`.
 
 A walk that is resumed is replayed: its recorded rows pass the same checks into a new navigator, without a word, and
 where the lines that were given end it is solved once (`record`). Then it goes on with what the source sends.
@@ -25,6 +25,7 @@ from __future__ import annotations
 import asyncio
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -136,7 +137,7 @@ def follow(
     """
     follower = _Follower(sensors, outlets, clock_offset_s)
     try:
-        asyncio.run(follower.read_sources(threading.Event() if stop is None else stop))
+        follower.read_sources(threading.Event() if stop is None else stop)
         follower.end()
     finally:
         if follower.feet is not None:
@@ -169,40 +170,57 @@ class _Follower:
             side: SensorWalk(one, self.navigators[side], partial(self._emit, side), partial(self._remark, side=side))
             for side, one in sensors.items()
         }
-        self._silence = {
-            side: Silence(one.source.name, one.options.stalled_s, one.options.until_silent_s, outlets.remark)
-            for side, one in sensors.items()
-        }
         self._open, self._merge = list(sensors), FeetMerge(sensors)
 
-    async def read_sources(self, stop: threading.Event) -> None:
-        """Read the sources to their end, or until `stop` is set; what they send is computed in another thread."""
-        run, silent = asyncio.get_running_loop().run_in_executor, set[Side | None]()
-        with ThreadPoolExecutor(1) as pool:
-            for sensor in self._sensors.values():
-                sensor.source.start()
-            # The walk so far, from its record.
-            await run(pool, self._replay, stop)
-            while not stop.is_set() and set(self._open) - silent:
-                # Rows of the foot that is behind, or of the other where it has sent nothing.
-                for side in sorted(self._open, key=lambda one: self._merge.newest[one]):
-                    try:
-                        async with asyncio.timeout(WAIT_S):
-                            rows = await self._sensors[side].source.read()
-                    except TimeoutError:
-                        rows = NO_ROWS
-                    except FgNavError as error:
-                        self._refuse(side, error)
-                        rows = None
-                    if rows is None:
-                        self._end_source(side)
-                        break
-                    (silent.add if self._silence[side].is_over(len(rows)) else silent.discard)(side)
-                    self._put(side, rows)
-                    if len(rows):
-                        break
-                # Those that need not wait for the other foot's, and the lines that they complete.
-                await run(pool, self._add_blocks)
+    def read_sources(self, stop: threading.Event) -> None:
+        """Read the sources in a loop in another thread, and compute what they send, until they end or `stop` is set."""
+        silent = set[Side | None]()
+        with asyncio.Runner() as runner, ThreadPoolExecutor(1) as thread:
+            loop, has_ended = runner.get_loop(), asyncio.Event()
+            thread.submit(runner.run, has_ended.wait())
+            try:
+                asyncio.run_coroutine_threadsafe(self._start_sources(), loop).result()
+                # The walk so far, from its record.
+                self._replay(stop)
+                # What the sources send from here on: the time of the replay is no silence.
+                silence = {
+                    side: Silence(
+                        one.source.name, one.options.stalled_s, one.options.until_silent_s, self._outlets.remark
+                    )
+                    for side, one in self._sensors.items()
+                }
+                while not stop.is_set() and set(self._open) - silent:
+                    # Rows of the foot that is behind, or of the other where it has sent nothing.
+                    for side in sorted(self._open, key=lambda one: self._merge.newest[one]):
+                        began = time.monotonic()
+                        try:
+                            rows = asyncio.run_coroutine_threadsafe(self._read(side), loop).result()
+                        except FgNavError as error:
+                            self._refuse(side, error)
+                            rows = None
+                        if rows is None:
+                            self._end_source(side)
+                            break
+                        (silent.add if silence[side].is_over(len(rows)) else silent.discard)(side)
+                        self._put(side, rows, min(time.monotonic() - began, WAIT_S))  # load is no silence
+                        if len(rows):
+                            break
+                    # Those that need not wait for the other foot's, and the lines that they complete.
+                    self._add_blocks()
+            finally:
+                loop.call_soon_threadsafe(has_ended.set)
+
+    async def _start_sources(self) -> None:
+        for sensor in self._sensors.values():
+            sensor.source.start()
+
+    async def _read(self, side: Side | None) -> Floats | None:
+        """Return the rows of a sensor that have come, none after `WAIT_S`, None at its end."""
+        try:
+            async with asyncio.timeout(WAIT_S):
+                return await self._sensors[side].source.read()
+        except TimeoutError:
+            return NO_ROWS
 
     def end(self) -> None:
         """End the walk, and emit its last lines."""
@@ -226,14 +244,14 @@ class _Follower:
             if words:
                 self._remark(words, side)
 
-    def _put(self, side: Side | None, rows: Floats) -> None:
-        """Put rows by the clock of both feet where those of both are merged."""
+    def _put(self, side: Side | None, rows: Floats, waited_s: float = 0.0) -> None:
+        """Put rows by the clock of both feet where those of both are merged, or note for how long none has come."""
         if self._status is not None:
             self._status.count_samples(len(rows))
         if self.feet is not None and side is not None:
             rows = rows.copy()
             rows[:, 0] += self.feet.offset_s[side]
-        self._merge.put(side, rows, WAIT_S)
+        self._merge.put(side, rows, waited_s)
 
     def _add_blocks(self) -> None:
         """Add the rows that need not wait for the other foot's, and send the status."""

@@ -18,6 +18,7 @@ from __future__ import annotations
 import json
 import os
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
@@ -185,13 +186,13 @@ class Record:
         if entries:
             self._samples.drop_older()  # before its lines
             self.add_lines([json.dumps(one) for one in entries])
-        self._samples.append("".join(format_rows(rows, "%r", ",")).replace("nan", ""))
+        self._samples.append("".join(format_rows(rows, "%r", ",")).replace("nan", ""), len(rows))
         return rows
 
     def add_lines(self, lines: Sequence[str]) -> None:
         """Record lines before they are given."""
         if lines:
-            self._lines.append(f"[{', '.join(lines)}]\n")
+            self._lines.append(f"[{', '.join(lines)}]\n", len(lines))
 
     def close(self) -> None:
         """Write what waits, and close the files."""
@@ -254,7 +255,7 @@ class _AppendedFile:
             os.close(self._file)
             raise OutputError(f"{path} is no file that samples can be recorded into: name another one.")
         self._good = 0  # Bytes that are whole.
-        self._waiting = ""
+        self._waiting = deque[tuple[str, int]]()  # Whole lines, and how many samples or lines of a walk they hold.
         self._retry_at: float | None = None  # While it cannot be written.
         self._synced_at = 0.0  # When it was last on the disk.
 
@@ -278,29 +279,29 @@ class _AppendedFile:
         os.truncate(self._file, self._good)
         return self._good > len(self._header)
 
-    def append(self, text: str) -> None:
-        """Append whole lines, or have them wait while the disk is full."""
-        self._waiting += text
+    def append(self, text: str, count: int) -> None:
+        """Append whole lines with `count` samples or lines of a walk, or have them wait while the disk is full."""
+        self._waiting.append((text, count))
         if self._retry_at is None or time.monotonic() >= self._retry_at:
             self._write_waiting()
 
     def close(self) -> int:
-        """Write what waits, close it, and return how many lines it lacks."""
+        """Write what waits, close it, and return how many samples or lines of a walk it lacks."""
         self._write_waiting()
         os.close(self._file)
-        return self._waiting.count("\n")
+        return sum(count for _, count in self._waiting)
 
     def _write_waiting(self) -> None:
         try:
-            if self._waiting:
-                self._write(self._waiting.encode("ascii"))
+            while self._waiting:
+                self._write(self._waiting[0][0].encode("ascii"))
+                self._waiting.popleft()
         except OSError as error:
             if self._retry_at is None:
                 reason = describe_reason(error)
                 self._remark(f"{self.path} cannot be written ({reason}): the walk goes on, and it is tried again.")
             self._retry_at = time.monotonic() + RETRY_S
             return
-        self._waiting = ""
         if self._retry_at is not None:
             self._remark(f"{self.path} is written again.")
             self._retry_at = None

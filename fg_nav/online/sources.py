@@ -37,7 +37,7 @@ from fg_nav.samples.readings import COLUMNS
 Remark = Callable[[str], None]  # Called with a sentence for people.
 Connection: TypeAlias = tuple[Callable[[], Awaitable[bytes]], Callable[[], None]]  # Read, b"" at the end; close.
 
-PIECE = 1 << 16  # bytes that are read at once; no datagram has more
+PIECE = 1 << 16  # bytes that are read and parsed at once, 15 ms of the loop; no datagram has more
 POLL_S = 0.05  # period at which a file is checked for more
 AS_FAST_AS_POSSIBLE = "max"  # in place of a speed
 MAX_AT_ONCE = 1000  # samples of a recording, or datagrams, so that a stop is seen between two blocks
@@ -274,17 +274,18 @@ class LiveSource(TextSource):
         self._task.add_done_callback(lambda task: self._has_come.set())
 
     async def _read_bytes(self) -> bytes:
-        """Return all that waits, up to where the source was away."""
+        """Return what waits, `PIECE` bytes at most, up to where the source was away."""
         await self._has_come.wait()
         if not self._waiting:
             self._task.result()  # raises what ended it
         self.away_s = 0.0
-        pieces = list[bytes]()
-        while self._waiting and not (pieces and self._waiting[0][0] > 0.0):
+        pieces, size = list[bytes](), 0
+        while self._waiting and not (pieces and (self._waiting[0][0] > 0.0 or size + len(self._waiting[0][1]) > PIECE)):
             away_s, piece = self._waiting.popleft()
             self.away_s += away_s
-            self._size -= len(piece)
+            size += len(piece)
             pieces.append(piece)
+        self._size -= size
         if not self._waiting and not self._task.done():
             self._has_come.clear()
         self._has_room.set()
@@ -490,8 +491,13 @@ class TcpListener(ConnectedSource):
 
     async def _receive(self) -> None:
         self._accepted = asyncio.Queue[tuple[asyncio.StreamReader, asyncio.StreamWriter]]()
-        async with await asyncio.start_server(self._accept, sock=self._listener):
+        server = await asyncio.start_server(self._accept, sock=self._listener)
+        try:
             await super()._receive()
+        finally:  # without `async with`, which would wait for the end of each connection
+            server.close()
+            while not self._accepted.empty():
+                self._accepted.get_nowait()[1].close()
 
     async def _connect(self) -> Connection:
         reader, writer = await self._accepted.get()

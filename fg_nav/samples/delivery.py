@@ -9,7 +9,8 @@ that are not from the gap behind the last one that it holds, are taken for new; 
 Lost. A sensor samples evenly: within a window of `WINDOW` rows the median step between stamps is its period T, and a
 step of k T, k = 2, 3, ..., lacks k - 1 samples; of stamps that jitter, one of more than `GAP_PERIODS` periods. Longer
 steps than `MAX_STEP_S` are gaps, which are remarked by themselves. If T is another in `IN_A_ROW` windows, the sensor's
-rate has changed, which is remarked. What this machine had no room for is counted by the system (`live.Datagrams`).
+rate has changed, which is remarked. What this machine had no room for is
+counted by the system (`online.sources.Datagrams`).
 """
 
 from __future__ import annotations

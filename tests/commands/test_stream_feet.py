@@ -12,7 +12,7 @@ import pytest
 from fg_nav.columns.mapping import CANONICAL
 from fg_nav.io import read_truth
 from fg_nav.online.buffer import rows_of
-from fg_nav.online.feet import BLOCK_S, FeetMerge
+from fg_nav.online.feet import BLOCK_S, HELD_S, MAX_HELD, FeetMerge
 from tests.command_line import names
 from tests.online.feet_walks import demo_feet
 
@@ -82,3 +82,19 @@ def test_rows_are_merged_by_their_stamps() -> None:
     assert sum(len(block) for side, block in blocks if side == "left") == 300
     rest = np.concatenate([block for _, block in merge.take(alone=True)])
     np.testing.assert_array_equal(rest, rows[300:])
+
+
+@pytest.mark.parametrize("apart_s", [0.0, 100.0], ids=["one clock", "clocks that differ"])
+def test_after_a_burst_the_feet_wait_for_each_other_again(apart_s) -> None:
+    """More rows than are held come of one foot at once; where the clocks differ, no foot waits any more."""
+    merge, rows = FeetMerge(), np.zeros((MAX_HELD + 500, 11))
+    rows[:, 0] = 0.01 * np.arange(len(rows))
+    burst = rows[: MAX_HELD + 100]
+    merge.put("left", burst + apart_s)
+    assert sum(len(block) for _, block in merge.take(alone=False)) == len(burst)
+    for part in np.array_split(burst, 4):
+        merge.put("right", part)
+        assert sum(len(block) for _, block in merge.take(alone=False)) == len(part)
+    merge.put("left", rows[len(burst) :] + apart_s)
+    given = sum(len(block) for _, block in merge.take(alone=False))
+    assert given == (400 if apart_s > HELD_S else 0)

@@ -16,7 +16,8 @@ import pytest
 from fg_nav.columns.mapping import CANONICAL
 from fg_nav.errors import StreamError
 from fg_nav.online import sources
-from fg_nav.online.sources import open_source
+from fg_nav.online.rows import RowReader
+from fg_nav.online.sources import LiveSource, open_source
 
 HEADER = ",".join(CANONICAL[:7]).encode() + b"\n"
 PATIENCE_S = 30.0
@@ -86,6 +87,31 @@ class Opened:
         self.samples._task.cancel()
         await asyncio.gather(self.samples._task, return_exceptions=True)
         self.samples.close()
+
+
+class Burst(LiveSource):
+    """Pieces that are all there when the first is read."""
+
+    async def _receive(self) -> None:
+        for start in range(0, len(self.data), 10_000):
+            self._put(0.0, self.data[start : start + 10_000])
+        await asyncio.Event().wait()
+
+
+@in_loop
+async def test_a_backlog_is_read_in_pieces_and_nothing_is_lost():
+    """So that the loop goes on to the other sources between them, and no foot runs ahead of the other."""
+    source = Burst(RowReader("a test", print))
+    source.data = HEADER + b"".join(map(row, range(10_000)))
+    source.start()
+    stamps, most = [], 0
+    while len(stamps) < 10_000:
+        rows = await source.read()
+        stamps += rows[:, 0].tolist()
+        most = max(most, len(rows))
+    assert stamps == [k + 0.5 for k in range(10_000)]
+    assert most <= sources.PIECE / len(row(0))
+    source._task.cancel()
 
 
 def sender(port: int) -> socket.socket:

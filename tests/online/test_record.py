@@ -123,9 +123,13 @@ def test_what_is_missing_of_a_full_disk_is_said(rows, tmp_path, monkeypatch):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(record.os, "pwrite", write_nothing)
-    said = write(tmp_path / "walk.csv", rows[:1000])
+    said = list[str]()
+    recording = Record(tmp_path / "walk.csv", False, False, said.append)
+    recording.add(rows[:1000], None)  # with the entry on the walk
+    recording.add_lines(["{}", "{}"])
+    recording.close()
     assert "cannot be written" in said[0]
-    assert any("lacks 1000 samples" in words for words in said)
+    assert [words.rpartition(" lacks ")[2].split(" that")[0] for words in said[-2:]] == ["1000 samples", "3 lines"]
 
 
 def test_a_replay_is_recorded_as_it_is_and_gives_its_walk(fg_nav, tmp_path):

@@ -9,6 +9,7 @@ import threading
 import time
 from contextlib import closing
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,10 +24,11 @@ from fg_nav.io import write_canonical
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.online import record
 from fg_nav.online.buffer import OnlineOptions, rows_of
-from fg_nav.online.follow import Sensor, StreamOptions, follow
+from fg_nav.online.follow import NO_ROWS, Sensor, SensorWalk, StreamOptions, follow
 from fg_nav.online.record import Record
 from fg_nav.online.rows import RowReader
 from fg_nav.online.sources import TextSource
+from fg_nav.samples import delivery
 from fg_nav.view.outlets import Outlets
 from tests.online.walks import NORTH, short_walk, solve_in_windows
 
@@ -240,6 +242,30 @@ def test_a_walk_that_is_stopped_while_it_is_replayed_can_be_resumed_again(data, 
         with pytest.raises(StreamError, match="not replayed to its end: --resume goes on"):
             follow({None: sensor}, outlets, stop)
     assert (path.read_bytes(), lines) == (kept, [])
+
+
+def test_the_time_of_a_replay_is_no_silence_of_the_source(data, tmp_path, monkeypatch):
+    """The first read after it finds nothing yet."""
+    path, clock, remarks, replay = tmp_path / "record.csv", [0.0], list[str](), SensorWalk.replay
+    walk_on(path, Sent(data[: len(data) // 3]), StreamOptions(online=NORTH))
+
+    class Late(Sent):
+        is_late = True
+
+        async def read(self):
+            was_late, self.is_late = self.is_late, False
+            return NO_ROWS if was_late else await super().read()
+
+    def replay_slowly(walk, stop):
+        clock[0] += 38.0
+        return replay(walk, stop)
+
+    monkeypatch.setattr(delivery, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    monkeypatch.setattr(SensorWalk, "replay", replay_slowly)
+    source = Late(data[: len(data) // 2])
+    walk_on(path, source, StreamOptions(online=NORTH, until_silent_s=30.0), remarks)
+    assert source.place == len(data) // 2
+    assert not any("no sample has come" in words for words in remarks)
 
 
 def test_killed_from_outside_it_goes_on(data, tmp_path):
