@@ -257,6 +257,31 @@ def test_a_process_beside_that_was_stopped_is_not_waited_for_for_ever(monkeypatc
     ]
 
 
+def test_a_task_that_failed_beside_is_solved_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where what was requested after it has no answer and did not fail."""
+    walk, remarks = demo(), []
+    told, buffer = fed(walk, footfalls=20).footfalls, SampleBuffer()
+    buffer.append(rows_of(walk.recording))
+    process = InPieces(OnlineOptions(), monkeypatch)
+    submit = process.submit
+
+    def failing(side: object, first: int, rows: object, work: object) -> Future[object]:
+        if not isinstance(work, Task):
+            return submit(side, first, rows, work)
+        future: Future[object] = Future()
+        future.set_exception(MemoryError())
+        return future
+
+    monkeypatch.setattr(process, "submit", failing)
+    solver = Solver(WalkSolver(OnlineOptions(), StanceParameters(), buffer), process, remarks.append)
+    solver.begin(Task(None, tuple(told[:14]), UNSEEN, since=0))
+    solver.request(told[14:])
+    anchor = solver.take()
+    assert [one.line for one in anchor.footfalls] == list(range(20))
+    assert solver.is_here
+    assert ["has failed (MemoryError)" in words for words in remarks] == [True]
+
+
 def test_what_the_machine_takes_is_no_waiting_for_samples(monkeypatch: pytest.MonkeyPatch) -> None:
     """Else a recording on a slow machine would be taken for a walk in progress, whose solutions are not waited for."""
     clock = iter([0.0, 1.0, 5.0, 6.0, 9.0])
