@@ -465,7 +465,7 @@ class Solver:
         return self._requested_s + MAX_S - time.monotonic()
 
     def _submit(self, work: Work, footfalls: Sequence[ReportedFootfall] = ()) -> None:
-        """Submit work, with the samples up to the last of some footfalls that were not sent; here, solve a task."""
+        """Submit work, with the samples not sent up to the last of some footfalls; here it waits for `take`."""
         self._work.append(work)
         if not self.is_here:
             first, self._sent = self._sent, max(self._sent, footfalls[-1].until if footfalls else 0)
@@ -477,8 +477,8 @@ class Solver:
                 self._go_on_here("has died")
             except Exception as error:  # the system has no process or no semaphore left, or this process may start none
                 self._go_on_here(f"cannot be started ({type(error).__name__})")
-        elif isinstance(work, Task):
-            self._here.run(self._work.pop())
+        elif isinstance(work, Task) and self._side is not None:
+            self._here.run(self._work.pop())  # Of two feet both are solved before either is taken: they are joined.
 
     def _go_on_here(self, why: str) -> None:
         assert self._process is not None

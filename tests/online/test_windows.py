@@ -173,8 +173,10 @@ def test_what_came_after_a_solution_that_was_late_is_not_lost() -> None:
     buffer, found = SampleBuffer(), []
     buffer.append(rows_of(walk.recording))
     for waits in (False, True):
-        solver = Solver(WalkSolver(OnlineOptions(), StanceParameters(), buffer))
+        here = WalkSolver(OnlineOptions(), StanceParameters(), buffer)
+        solver = Solver(here)
         solver.begin(Task(None, tuple(told[:14]), UNSEEN, since=0))
+        assert here.run(()) is None  # the line at which it begins does not wait for it
         solver.request(told[14:17])
         if waits:
             solver.take()
