@@ -71,7 +71,7 @@ from fg_nav.samples.plausibility import (
     measure_field_strength,
     median_period_s,
 )
-from fg_nav.samples.readings import ACC_OUT, COLUMNS, GYR_OUT, MAG_OUT, OutlierFilter
+from fg_nav.samples.readings import ACC_OUT, BOTH_OUT, COLUMNS, GYR_OUT, LONGEST, MAG_OUT, OutlierFilter, scan_outliers
 from fg_nav.samples.stamps import AROUND, JUMP_S, MAX_GAP_S, SAME_S, goes_on
 from fg_nav.text import format_count
 
@@ -199,7 +199,7 @@ class StampFilter:
         self._count, self._note = count, note
         self.shifts, self.is_resumed = [(-np.inf, 0.0)], False  # whether none has passed since the walk was resumed
         self._last = -np.inf
-        self._recent: deque[Floats] = deque(maxlen=AROUND)  # rows that passed
+        self._recent: deque[Floats] = deque(maxlen=AROUND + LONGEST)  # rows that passed
         # rows that wait: before the last stamp (shifted), and far ahead (as sent)
         self._behind: list[Floats] = []
         self._waits = np.empty((0, COLUMNS))
@@ -224,9 +224,9 @@ class StampFilter:
             if is_ahead and following is None and not at_end:
                 self._waits = sent[i:]
                 break
-            row = np.append(t, sent[i, 1:])
+            row, found = np.append(t, sent[i, 1:]), rows[:0]
             if t < self._last:
-                taken.append(self._wait_for_restart(row))
+                found = self._wait_for_restart(row)
             elif t - self._last <= SAME_S:
                 self._count("repeated", 1, f"at t = {t:.3f} s")
             elif is_ahead and (following is None or following <= stamp):
@@ -234,8 +234,8 @@ class StampFilter:
             else:
                 self._drop_behind()
                 is_set = is_ahead and t - self._last > MAX_CLOCK_STEP_S
-                taken.append(self._shift("set", self._last + UNKNOWN_GAP_S - t, row[None]) if is_set else row[None])
-            self._accept(taken[-1])
+                found = self._shift("set", self._last + UNKNOWN_GAP_S - t, row[None]) if is_set else row[None]
+            taken.append(self._accept(found))
         if at_end:
             self._drop_behind()
         return np.concatenate(taken)
@@ -244,7 +244,7 @@ class StampFilter:
         """Return rows that are passed, and keep what the next are compared with."""
         if len(rows):
             self._last, self.is_resumed = float(rows[-1, 0]), False
-            self._recent.extend(rows[-AROUND:])
+            self._recent.extend(rows[-AROUND - LONGEST :])
         return rows
 
     def _wait_for_restart(self, row: Floats) -> Floats:
@@ -255,8 +255,11 @@ class StampFilter:
         if len(self._behind) < RESTART:
             return row[None][:0]
         t, behind = float(row[0]), np.array(self._behind)
-        around = np.array([*self._recent, *behind])[:, 1:7]
-        if not self.is_resumed and goes_on(around, len(self._recent), LEAP):
+        # the last rows before it that are no outliers
+        before = np.array(self._recent)
+        before = before[scan_outliers(before[:, 0].copy(), before[:, 1:7].copy(), 0, True)[0] & BOTH_OUT == 0][-AROUND:]
+        around = np.concatenate([before, behind])[:, 1:7]
+        if not self.is_resumed and goes_on(around, len(before), LEAP):
             self._behind = []
             first = float(behind[0, 0])
             return self._shift("restart", self._last + (t - first) / (RESTART - 1) - first, behind)
