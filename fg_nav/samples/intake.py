@@ -101,6 +101,7 @@ MIN_STEP_S = 1e-5  # rows that a radio sends at once are stamped 50 us apart; no
 MIN_M_S2, MAX_M_S2 = 2.0, 500.0  # a foot swings with 4 to 30 m/s^2, and lands with 160
 SHARES = np.array([0.5, 0.5, 0.05])  # odd steps; odd force, free fall being over within 1 s; rate of the fastest turn
 HELD_S, HELD = 1.0, 100  # and so many rows at least
+SLOW_S, SLOW = 5.0, 10  # so many steps over so long show stamps alone: a radio sends its rows at once, a gap is one
 CHECKED = 1000  # samples, some seconds, whose medians show the units of force and field
 PLAUSIBLE_G, MIN_FIELD_SHARE = (0.7, 2.0), 0.05  # median force on a foot; part that is a field on Earth, magnet or not
 WINDOW, IN_A_ROW = 200, 3  # rows of a window, and windows that agree
@@ -327,8 +328,13 @@ class UnitMonitor:
             piece = odd[begin : begin + n]
             share = np.cumsum(piece, axis=0) / np.arange(1, len(piece) + 1)[:, None]
             few = np.asarray((share <= SHARES).all(axis=1))
-            is_passing = bool(few.any()) and not self._is_wrong
-            stop = begin + (int(np.argmax(few)) + 1 if is_passing else n)
+            # rows that have become rare take minutes to fill a piece: their steps alone are judged
+            slow = (share[:, 0] > SHARES[0]) & (t[begin : begin + n] - t[begin : begin + 1] > SLOW_S)
+            slow[: SLOW - 1] = False
+            at = int(np.argmax(np.append(slow, True)))
+            is_slow = at < len(piece) and not self._is_wrong and not few[:at].any()
+            is_passing = bool(few.any()) and not self._is_wrong and not is_slow
+            stop = begin + (at + 1 if is_slow else int(np.argmax(few)) + 1 if is_passing else n)
             if begin == len(rows) or (stop > len(rows) and not at_end):
                 self._held = rows[begin:]
                 break
@@ -336,9 +342,10 @@ class UnitMonitor:
                 if (share[-1] <= SHARES.min()).all() and _judge_walking(rows[begin:stop]) == "right":
                     self._is_wrong = False
                     self._note(f"from t = {rows[begin, 0]:.3f} s on units are as before, and rows taken again")
-            elif not is_passing and len(piece) >= HELD:
+            elif is_slow or (not is_passing and len(piece) >= HELD):
                 before = float(t[begin - 1]) if begin else self._last
-                self._find_change(rows[begin:stop], share[-1] > SHARES, before)
+                is_wrong = np.array([True, False, False]) if is_slow else share[-1] > SHARES
+                self._find_change(rows[begin:stop], is_wrong, before)
             taken.append(rows[:0] if self._is_wrong else self._check_accepted(rows[begin:stop]))
             begin = min(stop, len(rows))
         self._last = float(t[begin - 1]) if begin else self._last
