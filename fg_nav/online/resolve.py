@@ -416,7 +416,7 @@ class Solver:
         self._here, self._process, self._remark, self._side = here, process, remark, side
         self._sent, self._requested_s = 0, time.monotonic()
         self._work: list[Work] = []  # The newest task and what followed it, as far as it is not solved here.
-        self._future: Future[AnchorState | None] | None = None  # Of the last of it.
+        self._futures: list[Future[AnchorState | None]] = []  # One for each of it; empty where it is solved here.
 
     def start(self) -> None:
         """Get ready for tasks to come: it takes some seconds until the other process has loaded what it needs."""
@@ -424,7 +424,7 @@ class Solver:
 
     def begin(self, task: Task) -> None:
         """Begin a task, all samples of whose footfalls are there."""
-        self._work, self._sent = [], max(self._sent, task.since)
+        self._work, self._futures, self._sent = [], [], max(self._sent, task.since)
         self._submit(task, task.footfalls)
 
     def request(self, footfalls: Sequence[ReportedFootfall]) -> None:
@@ -434,13 +434,14 @@ class Solver:
 
     def is_ready(self) -> bool:
         """Return whether the requested anchor state is there."""
-        return self._future is None or self._future.done() or self._left_s <= 0.0
+        return not self._futures or self._futures[-1].done() or self._left_s <= 0.0
 
     def take(self) -> AnchorState | None:
         """Return the requested anchor state; None where the walk has no solution."""
-        if self._future is not None:
+        if self._futures:
             try:
-                return self._future.result(max(self._left_s, 0.0))
+                # The answer is the last one; any before it may have failed.
+                return [future.result(max(self._left_s, 0.0)) for future in self._futures][-1]
             except BrokenProcessPool:
                 self._go_on_here("has died")
             except TimeoutError:
@@ -456,7 +457,7 @@ class Solver:
         """Solve in this process from here on; that of a foot leaves the process to the other foot."""
         if self._side is None and self._process is not None:
             self._process.close()
-        self.is_here, self._future = True, None
+        self.is_here, self._futures = True, []
 
     @property
     def _left_s(self) -> float:
@@ -464,27 +465,27 @@ class Solver:
         return self._requested_s + MAX_S - time.monotonic()
 
     def _submit(self, work: Work, footfalls: Sequence[ReportedFootfall] = ()) -> None:
-        """Submit work, with the samples up to the last of some footfalls that were not sent; here, solve a task."""
+        """Submit work, with the samples not sent up to the last of some footfalls; here it waits for `take`."""
         self._work.append(work)
         if not self.is_here:
             first, self._sent = self._sent, max(self._sent, footfalls[-1].until if footfalls else 0)
             try:
                 assert self._process is not None
                 rows = self._here.buffer.between(first, self._sent)
-                self._future = self._process.submit(self._side, first, rows, work)
+                self._futures.append(self._process.submit(self._side, first, rows, work))
             except BrokenProcessPool:
                 self._go_on_here("has died")
             except Exception as error:  # the system has no process or no semaphore left, or this process may start none
                 self._go_on_here(f"cannot be started ({type(error).__name__})")
-        elif isinstance(work, Task):
-            self._here.run(self._work.pop())
+        elif isinstance(work, Task) and self._side is not None:
+            self._here.run(self._work.pop())  # Of two feet both are solved before either is taken: they are joined.
 
     def _go_on_here(self, why: str) -> None:
         assert self._process is not None
         if not self._process.is_closed:  # Else it was reported for the other foot, or nobody waits for it any more.
             self._remark(f"the process that solves the walk again {why}: this one does its work from here on.")
         self._process.close()
-        self.is_here, self._future = True, None
+        self.is_here, self._futures = True, []
 
 
 _solvers: dict[Side | None, WalkSolver] = {}

@@ -152,7 +152,7 @@ class OnlinePocket:
         # steps
         self._sums, self._front, self.skewness = SwingSums(), 1.0, 0.0
         none = np.zeros((0, 4), dtype=np.int64), np.empty((0, 4)), np.empty(0), np.empty(0), np.zeros(0, dtype=np.bool_)
-        self._openings, self._is_open, self._n_ends, self._lost_m2 = Openings(*none), False, 0, 0.0
+        self._openings, self._is_open, self._last_end, self._lost_m2 = Openings(*none), False, -1, 0.0
         self._joined: tuple[tuple[int, bool, float], Steps, Ints] | None = None
         empty = np.empty((0, 2)), np.empty((0, 2, 3, 3)), np.empty((0, 2, 3)), np.empty(0), np.empty(0)
         self._moments = _Moments(*empty)
@@ -404,11 +404,12 @@ class OnlinePocket:
         is_bout_open = self._is_open and of[last] == len(self._openings.t) - 1
         is_complete = not is_bout_open or (not steps.forward[last] and last > begin[-1])
         until = np.concatenate([[0], begin[1:], [last + 1] if is_complete else []]).astype(np.int64)
+        # those behind the last one given: where front and back were exchanged since, the strides before are others
         ends = []
-        for count in until[self._n_ends :].tolist():
+        for count in until[until > self._last_end].tolist():
             step, side = (count - 1, 1) if count else (0, 0)
             sample = int(steps.stop[step] if side else steps.start[step])
             t, R = self._moments.t[of[step], side], self._moments.nav_R_body[of[step], side]
             ends.append(StrideEnd(count, sample, float(t), R))
-        self._n_ends += len(ends)
+            self._last_end = count
         return ends

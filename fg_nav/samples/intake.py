@@ -71,7 +71,7 @@ from fg_nav.samples.plausibility import (
     measure_field_strength,
     median_period_s,
 )
-from fg_nav.samples.readings import ACC_OUT, COLUMNS, GYR_OUT, MAG_OUT, OutlierFilter
+from fg_nav.samples.readings import ACC_OUT, BOTH_OUT, COLUMNS, GYR_OUT, LONGEST, MAG_OUT, OutlierFilter, scan_outliers
 from fg_nav.samples.stamps import AROUND, JUMP_S, MAX_GAP_S, SAME_S, goes_on
 from fg_nav.text import format_count
 
@@ -101,6 +101,7 @@ MIN_STEP_S = 1e-5  # rows that a radio sends at once are stamped 50 us apart; no
 MIN_M_S2, MAX_M_S2 = 2.0, 500.0  # a foot swings with 4 to 30 m/s^2, and lands with 160
 SHARES = np.array([0.5, 0.5, 0.05])  # odd steps; odd force, free fall being over within 1 s; rate of the fastest turn
 HELD_S, HELD = 1.0, 100  # and so many rows at least
+SLOW_S, SLOW = 5.0, 10  # so many steps over so long show stamps alone: a radio sends its rows at once, a gap is one
 CHECKED = 1000  # samples, some seconds, whose medians show the units of force and field
 PLAUSIBLE_G, MIN_FIELD_SHARE = (0.7, 2.0), 0.05  # median force on a foot; part that is a field on Earth, magnet or not
 WINDOW, IN_A_ROW = 200, 3  # rows of a window, and windows that agree
@@ -199,7 +200,7 @@ class StampFilter:
         self._count, self._note = count, note
         self.shifts, self.is_resumed = [(-np.inf, 0.0)], False  # whether none has passed since the walk was resumed
         self._last = -np.inf
-        self._recent: deque[Floats] = deque(maxlen=AROUND)  # rows that passed
+        self._recent: deque[Floats] = deque(maxlen=AROUND + LONGEST)  # rows that passed
         # rows that wait: before the last stamp (shifted), and far ahead (as sent)
         self._behind: list[Floats] = []
         self._waits = np.empty((0, COLUMNS))
@@ -224,9 +225,9 @@ class StampFilter:
             if is_ahead and following is None and not at_end:
                 self._waits = sent[i:]
                 break
-            row = np.append(t, sent[i, 1:])
+            row, found = np.append(t, sent[i, 1:]), rows[:0]
             if t < self._last:
-                taken.append(self._wait_for_restart(row))
+                found = self._wait_for_restart(row)
             elif t - self._last <= SAME_S:
                 self._count("repeated", 1, f"at t = {t:.3f} s")
             elif is_ahead and (following is None or following <= stamp):
@@ -234,8 +235,8 @@ class StampFilter:
             else:
                 self._drop_behind()
                 is_set = is_ahead and t - self._last > MAX_CLOCK_STEP_S
-                taken.append(self._shift("set", self._last + UNKNOWN_GAP_S - t, row[None]) if is_set else row[None])
-            self._accept(taken[-1])
+                found = self._shift("set", self._last + UNKNOWN_GAP_S - t, row[None]) if is_set else row[None]
+            taken.append(self._accept(found))
         if at_end:
             self._drop_behind()
         return np.concatenate(taken)
@@ -244,7 +245,7 @@ class StampFilter:
         """Return rows that are passed, and keep what the next are compared with."""
         if len(rows):
             self._last, self.is_resumed = float(rows[-1, 0]), False
-            self._recent.extend(rows[-AROUND:])
+            self._recent.extend(rows[-AROUND - LONGEST :])
         return rows
 
     def _wait_for_restart(self, row: Floats) -> Floats:
@@ -255,8 +256,11 @@ class StampFilter:
         if len(self._behind) < RESTART:
             return row[None][:0]
         t, behind = float(row[0]), np.array(self._behind)
-        around = np.array([*self._recent, *behind])[:, 1:7]
-        if not self.is_resumed and goes_on(around, len(self._recent), LEAP):
+        # the last rows before it that are no outliers
+        before = np.array(self._recent)
+        before = before[scan_outliers(before[:, 0].copy(), before[:, 1:7].copy(), 0, True)[0] & BOTH_OUT == 0][-AROUND:]
+        around = np.concatenate([before, behind])[:, 1:7]
+        if not self.is_resumed and goes_on(around, len(before), LEAP):
             self._behind = []
             first = float(behind[0, 0])
             return self._shift("restart", self._last + (t - first) / (RESTART - 1) - first, behind)
@@ -324,8 +328,13 @@ class UnitMonitor:
             piece = odd[begin : begin + n]
             share = np.cumsum(piece, axis=0) / np.arange(1, len(piece) + 1)[:, None]
             few = np.asarray((share <= SHARES).all(axis=1))
-            is_passing = bool(few.any()) and not self._is_wrong
-            stop = begin + (int(np.argmax(few)) + 1 if is_passing else n)
+            # rows that have become rare take minutes to fill a piece: their steps alone are judged
+            slow = (share[:, 0] > SHARES[0]) & (t[begin : begin + n] - t[begin : begin + 1] > SLOW_S)
+            slow[: SLOW - 1] = False
+            at = int(np.argmax(np.append(slow, True)))
+            is_slow = at < len(piece) and not self._is_wrong and not few[:at].any()
+            is_passing = bool(few.any()) and not self._is_wrong and not is_slow
+            stop = begin + (at + 1 if is_slow else int(np.argmax(few)) + 1 if is_passing else n)
             if begin == len(rows) or (stop > len(rows) and not at_end):
                 self._held = rows[begin:]
                 break
@@ -333,9 +342,10 @@ class UnitMonitor:
                 if (share[-1] <= SHARES.min()).all() and _judge_walking(rows[begin:stop]) == "right":
                     self._is_wrong = False
                     self._note(f"from t = {rows[begin, 0]:.3f} s on units are as before, and rows taken again")
-            elif not is_passing and len(piece) >= HELD:
+            elif is_slow or (not is_passing and len(piece) >= HELD):
                 before = float(t[begin - 1]) if begin else self._last
-                self._find_change(rows[begin:stop], share[-1] > SHARES, before)
+                is_wrong = np.array([True, False, False]) if is_slow else share[-1] > SHARES
+                self._find_change(rows[begin:stop], is_wrong, before)
             taken.append(rows[:0] if self._is_wrong else self._check_accepted(rows[begin:stop]))
             begin = min(stop, len(rows))
         self._last = float(t[begin - 1]) if begin else self._last

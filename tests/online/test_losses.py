@@ -51,7 +51,7 @@ def start_heading() -> float:
 def online(with_field: bool) -> OnlineNavigator:
     recording = cut()
     assert recording.mag is not None
-    navigator = OnlineNavigator(OnlineOptions(start_heading(), with_field))
+    navigator = OnlineNavigator(OnlineOptions(heading_rad=start_heading(), use_field=with_field))
     for i in range(0, len(recording), 50):
         part = slice(i, i + 50)
         navigator.push(recording.t[part], recording.acc[part], recording.gyr[part], recording.mag[part])

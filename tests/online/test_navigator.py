@@ -1,5 +1,6 @@
 """A walk in progress: blocks do not matter, odd samples are survived, and it ends where the recording does."""
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from fg_nav.magnetic import average_footfall_field
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.navigator import finish_walk
-from fg_nav.samples.intake import MAX_CLOCK_STEP_S, UNKNOWN_GAP_S, Intake
+from fg_nav.samples.intake import MAX_CLOCK_STEP_S, UNKNOWN_GAP_S, Intake, StampFilter
 from fg_nav.smoother import smooth
 from fg_nav.walk import Options, Walk
 from tests.online.walks import NORTH, estimates_of, push, short_walk, solve_in_windows, worst_difference
@@ -220,6 +221,24 @@ def test_stamps_go_on_after_a_restart_of_the_clock(block):
     np.testing.assert_allclose(taken[:, :11], rows, rtol=0, atol=1e-9)
     sensor_t = [judge.sensor_time(t) for t in taken[:, 0].tolist()]
     np.testing.assert_allclose(sensor_t, sent[:, 0], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["restart", "rebooted"])
+def test_a_restart_is_judged_by_the_good_rows_before_it(kind):
+    """Neither by rows whose stamps repeat, which show no change, nor by a spike, beside which every change is small."""
+    rows = np.zeros((300, 11))
+    rows[:, 0], rows[:, 3] = 0.01 * np.arange(300), 9.8
+    rows[150:, 0] -= rows[150, 0]
+    if kind == "restart":
+        rows[1:150:2, 1] = 4.0
+        rows = np.concatenate([rows[:150], np.repeat(rows[149:150], 30, axis=0), rows[150:]])
+    else:
+        rows[145, 1], rows[150:, 1] = 900.0, 5.0
+    counts: Counter[str] = Counter()
+    stamps = StampFilter(lambda what, number, where: counts.update({what: number}), lambda words: None)
+    stamps.push(rows)
+    assert counts[kind] == 1
+    assert counts["repeated"] == (30 if kind == "restart" else 0)
 
 
 def test_estimates_after_a_restart_of_the_clock_have_the_stamps_of_their_samples():

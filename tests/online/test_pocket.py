@@ -17,7 +17,9 @@ from fg_nav.online.estimates import Revision, StanceEstimate, format_estimate
 from fg_nav.online.pocket import PocketNavigator
 from fg_nav.pocket.dead_reckoning import StepLength, reckon_path
 from fg_nav.pocket.navigate import choose_start
-from fg_nav.pocket.steps import estimate_swing, find_steps
+from fg_nav.pocket.online import OnlinePocket
+from fg_nav.pocket.steps import Openings, estimate_swing, find_steps
+from fg_nav.pocket.track import PocketStart
 
 EAST = OnlineOptions(heading_rad=np.pi / 2, mount="pocket")
 COMPASS = OnlineOptions(heading_rad=None, mount="pocket")
@@ -191,3 +193,25 @@ def test_a_stream_prints_and_writes_what_a_recording_run_online_does(fg_nav, rec
 def test_options_of_another_mount_are_refused(fg_nav, tmp_path, words, said):
     (tmp_path / "walk.csv").write_text("")
     assert fg_nav("stream", tmp_path / "walk.csv", *words).refused(*said)
+
+
+@pytest.mark.parametrize("fronts", ["---++", "+++----", "+-+-+-"])
+def test_lines_stay_in_order_where_front_and_back_are_exchanged(fronts):
+    """Between bouts of three steps, of which one front makes one stride and the other two: none twice, none lost."""
+    thigh = OnlinePocket(PocketStart(np.eye(3), 0.1), 0.01)
+    told = []
+    for bout, front in enumerate(fronts):
+        turn = 1000 * bout + 50 * np.arange(4)
+        sample = np.stack([turn[:-1], turn[:-1] + 5, turn[1:] - 5, turn[1:]], axis=1)
+        swept = np.array([1.0, -1.0, 1.0])
+        new = Openings(sample, 0.01 * sample, np.abs(swept), swept, np.ones(3, dtype=np.bool_))
+        thigh._openings = Openings(*(np.concatenate(pair) for pair in zip(thigh._openings, new, strict=True)))
+        many = np.broadcast_to(np.eye(3), (3 * (bout + 1), 2, 3, 3))
+        thigh._moments = thigh._moments._replace(t=thigh._openings.t[:, [0, 3]], nav_R_body=many)
+        thigh._front = 1.0 if front == "+" else -1.0
+        ends = thigh._end_strides()
+        assert ends[-1].steps == 3 * (bout + 1)
+        told += ends
+    assert told[0].steps == 0
+    assert (np.diff([end.steps for end in told]) > 0).all()
+    assert (np.diff([end.t for end in told]) > 0.0).all()

@@ -193,6 +193,11 @@ def test_the_smoothed_past_is_returned_though_it_cannot_be_solved(monkeypatch, u
     monkeypatch.setattr(window, "find_minimum", never)
     told = navigator.smoothed()
     np.testing.assert_allclose(told.position, expected.position, atol=0.05)
+    begun = navigator.smoother.initial.stance.number  # What is before it is known already.
+    assert begun < len(told) - 1
+    reported = navigator.causal()  # Those without a solution are as they were reported at the moment.
+    np.testing.assert_array_equal(told.position[begun + 1 :], reported.position[begun + 1 :])
+    np.testing.assert_array_equal(told.position_sigma[begun + 1 :], reported.position_sigma[begun + 1 :])
     assert np.isfinite(told.position_sigma).all()
 
     def no_batch(*_: object) -> None:

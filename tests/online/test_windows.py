@@ -173,8 +173,10 @@ def test_what_came_after_a_solution_that_was_late_is_not_lost() -> None:
     buffer, found = SampleBuffer(), []
     buffer.append(rows_of(walk.recording))
     for waits in (False, True):
-        solver = Solver(WalkSolver(OnlineOptions(), StanceParameters(), buffer))
+        here = WalkSolver(OnlineOptions(), StanceParameters(), buffer)
+        solver = Solver(here)
         solver.begin(Task(None, tuple(told[:14]), UNSEEN, since=0))
+        assert here.run(()) is None  # the line at which it begins does not wait for it
         solver.request(told[14:17])
         if waits:
             solver.take()
@@ -255,6 +257,31 @@ def test_a_process_beside_that_was_stopped_is_not_waited_for_for_ever(monkeypatc
     assert remarks == [
         "the process that solves the walk again has not answered for 0 s: this one does its work from here on."
     ]
+
+
+def test_a_task_that_failed_beside_is_solved_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where what was requested after it has no answer and did not fail."""
+    walk, remarks = demo(), []
+    told, buffer = fed(walk, footfalls=20).footfalls, SampleBuffer()
+    buffer.append(rows_of(walk.recording))
+    process = InPieces(OnlineOptions(), monkeypatch)
+    submit = process.submit
+
+    def failing(side: object, first: int, rows: object, work: object) -> Future[object]:
+        if not isinstance(work, Task):
+            return submit(side, first, rows, work)
+        future: Future[object] = Future()
+        future.set_exception(MemoryError())
+        return future
+
+    monkeypatch.setattr(process, "submit", failing)
+    solver = Solver(WalkSolver(OnlineOptions(), StanceParameters(), buffer), process, remarks.append)
+    solver.begin(Task(None, tuple(told[:14]), UNSEEN, since=0))
+    solver.request(told[14:])
+    anchor = solver.take()
+    assert [one.line for one in anchor.footfalls] == list(range(20))
+    assert solver.is_here
+    assert ["has failed (MemoryError)" in words for words in remarks] == [True]
 
 
 def test_what_the_machine_takes_is_no_waiting_for_samples(monkeypatch: pytest.MonkeyPatch) -> None:

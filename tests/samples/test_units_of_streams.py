@@ -101,6 +101,23 @@ def test_a_unit_that_changes_midway_is_left_out_until_it_is_right_again(rows, co
     assert 4000 - 2 * HELD < sum(row.tobytes() in known for row in taken) <= 4000
 
 
+@pytest.mark.parametrize("block", [1, 7, 5000])
+def test_rows_that_become_rare_are_left_out_within_some_steps_until_they_come_as_before(rows, block):
+    """One a second in place of 400: not held for as many seconds as there are rows in one."""
+    sent = rows.copy()
+    sent[:, 0] = rows[0, 0] + np.cumsum(np.where(np.arange(len(rows)) // 60 == 30, 1.0, 0.0025))
+    watch, said = UnitMonitor(lambda words: said.append((words, k))), []
+    for k in range(0, 1830, block):
+        watch.push(sent[k : min(k + block, 1830)])
+    assert len(said) == 1
+    assert "left out" in said[0][0]
+    assert said[0][1] < 1800 + 12
+    taken, both = admit(sent, block)
+    assert len(both) == 2
+    assert "as before" in both[1]
+    assert 4000 < len(taken) < 4970
+
+
 def test_gaps_impacts_missing_samples_and_single_wrong_ones_are_let_pass(rows):
     sent = np.delete(rows, slice(1500, 1900), axis=0)
     sent[700, ACC], sent[800, GYR], sent[1000:1005, GYR], sent[1200:1210, ACC] = 800.0, 300.0, 100.0, 0.5
