@@ -254,7 +254,13 @@ def find_feet_end(walk: FollowedWalk, feet: FeetNavigator, request: StreamReques
                 yield tag_line(line, side, feet.frame(side))
 
     write = partial(write_feet, result=result)
-    return End(summarize_feet(result), format_lines, write, partial(write, plots="none"), "the result without page and pictures is")
+    return End(
+        summarize_feet(result),
+        format_lines,
+        write,
+        partial(write, plots="none"),
+        "the result without page and pictures is",
+    )
 
 
 def save_end(end: End, target: Target, plots: Plots) -> OutputError | None:

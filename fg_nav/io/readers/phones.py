@@ -41,6 +41,7 @@ from fg_nav.io.streams import NAMES, UNCALIBRATED_FIELD, Sensor, Stream, interpo
 from fg_nav.io.tables import TextTable, find_header, guess_separator, has_rows, scale_values
 from fg_nav.recording import NOMINAL_SIGMA, RawRecording, note_nominal_rate
 from fg_nav.samples.plausibility import measure_rest_acc
+from fg_nav.text import format_count
 
 # One table of all sensors
 
