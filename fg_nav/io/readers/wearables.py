@@ -358,7 +358,8 @@ def read_dot(content: Content) -> RawRecording:
         if _RATES_HZ[0] <= 1.0 / (step * _TICK_S) <= _MAX_MTI_HZ:
             remedy = f"read it as an MTi's, fg-nav inspect {shlex.quote(str(content.path))} --format xsens, or {remedy}"
         raise FormatError(
-            f"{content.path.name}: {_FINE} steps by {step:.6g}, which is no rate of a DOT in us nor in 0.1 ms: {remedy}."
+            f"{content.path.name}: {_FINE} steps by {step:.6g}, which is no rate of a DOT in us nor in "
+            f"0.1 ms: {remedy}."
         )
     if fitting == ["0.1 ms"]:
         remarks = (f"{_FINE} is in 0.1 ms, as its steps of {step:g} show", *remarks)
