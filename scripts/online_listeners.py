@@ -39,7 +39,7 @@ from harness import Figure, option
 from websockets.sync.client import connect
 
 from fg_nav.arrays import Floats
-from fg_nav.view.outlets import ListenerProcess, open_port
+from fg_nav.view.outlets import STATUS_S, ListenerProcess, open_port
 from fg_nav.view.servers import LIVE
 
 TICK_S, TICKS_A_LINE = 0.02, 50
@@ -192,7 +192,7 @@ def send_lines(served: ListenerProcess, count: int) -> tuple[Floats, int]:
         if k % TICKS_A_LINE == 0:
             served.send_line(json.dumps(_line(k)))
         if due >= due_status:
-            due_status = due + served.status_s
+            due_status = due + STATUS_S
             served.send_status({"t": due, "position_m": [0.0, 0.0, 0.0], "heading_deg": 0.0, "source": "ok"})
         held_up.append(1e3 * (time.monotonic() - due))
         watching = max(watching, served.viewers)

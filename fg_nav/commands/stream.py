@@ -195,13 +195,14 @@ class LinePrinter:
 class End:
     """What a stream comes to: its summary, the lines of the whole walk, and what is written of it.
 
-    `write_least` writes what is kept where the disk has no room for all.
+    `write_least` writes what is kept where the disk has no room for all, `least` says what that is.
     """
 
     summary: Summary
     format_lines: Callable[[], Iterable[str]]
     write: Callable[..., object]  # Of the folder and `plots`.
     write_least: Callable[[Path], object]
+    least: str = "the footfalls alone are"
 
 
 def find_end(walk: FollowedWalk, polish: bool) -> End:
@@ -253,11 +254,17 @@ def find_feet_end(walk: FollowedWalk, feet: FeetNavigator, request: StreamReques
                 yield tag_line(line, side, feet.frame(side))
 
     write = partial(write_feet, result=result)
-    return End(summarize_feet(result), format_lines, write, partial(write, plots="none"))
+    return End(
+        summarize_feet(result),
+        format_lines,
+        write,
+        partial(write, plots="none"),
+        "the result without page and pictures is",
+    )
 
 
 def save_end(end: End, target: Target, plots: Plots) -> OutputError | None:
-    """Write the result into its folder; failing that, the footfalls alone, there or in a temporary folder.
+    """Write the result into its folder; failing that, the least of it, there or in a temporary folder.
 
     Returns the failure to report, None if all was written; raises `OutputError` if nothing can be written at all.
     """
@@ -270,12 +277,12 @@ def save_end(end: End, target: Target, plots: Plots) -> OutputError | None:
     with suppress(OutputError):
         with target.open() as folder:
             end.write_least(folder)
-        return OutputError(f"{failure}; the footfalls alone are in {target.place}.")
+        return OutputError(f"{failure}; {end.least} in {target.place}.")
     with suppress(OutputError, OSError):
         place = Path(tempfile.mkdtemp(prefix="fg-nav-stream-")) / "result"
         with result_folder(place) as folder:
             end.write_least(folder)
-        return OutputError(f"{failure}; the footfalls alone are in {place}.")
+        return OutputError(f"{failure}; {end.least} in {place}.")
     raise OutputError(f"{failure}; the result of the walk is lost.")
 
 

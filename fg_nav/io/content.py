@@ -121,7 +121,9 @@ def read_content(path: Path) -> Content:
     """
     path = path.resolve() if path.name in ("", "..") else path
     if os.path.isdir(path):
-        return Content(path, members=_open_members(path, _list_folder(path)))
+        with _explain_file(path):
+            found = _list_folder(path)
+        return Content(path, members=_open_members(path, found))
     opener: Opener | None = None
     if os.path.exists(path) and not os.path.isfile(path):  # a pipe is kept in memory
         opener = partial(io.BytesIO, _read_bytes(path, _open_plain(path)))
@@ -145,21 +147,27 @@ def read_content(path: Path) -> Content:
     )
 
 
-def _open_file(path: Path, opener: Opener | None, is_member: bool = False) -> Content:
+def _open_file(path: Path, opener: Opener | None, has_others: bool = False) -> Content:
     """Content of a text or binary file. A byte that is no UTF-8 (a degree or micro sign, mostly) is Latin-1."""
     head = _read_bytes(path, opener, _HEAD_BYTES)
     if head.startswith(_GZIP):
-        opener = partial(_unpack, opener or _open_plain(path))
-        head = _read_bytes(path, opener, _HEAD_BYTES)
+        packed, opener = Content(path, head=head, opener=opener), partial(_unpack, opener or _open_plain(path))
+        try:
+            head = _read_bytes(path, opener, _HEAD_BYTES)
+        except FormatError:
+            if has_others:  # it may be none that is needed
+                return packed
+            raise
     content = Content(path, head=head, opener=opener)
     if head.startswith(_MAT):
         try:
             return replace(content, variables=matlab.list_names(content.read_bytes(), path.name))
         except FormatError:
-            if is_member:  # it may be none that is needed
+            if has_others:
                 return content
             raise
-    encoding = "utf-16" if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else "utf-8"
+    is_utf32 = head.startswith((codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE))  # which is not read
+    encoding = "utf-16" if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) and not is_utf32 else "utf-8"
     if encoding == "utf-16":
         text = head[: len(head) // 2 * 2].decode(encoding, errors="replace")
     elif b"\0" in head:
@@ -222,7 +230,11 @@ def _unpack(packed: Opener, entry: zipfile.ZipInfo | None = None) -> Iterator[IO
 def _list_folder(path: Path) -> dict[str, Opener | None]:
     """Return the places of the files in a folder; too many are cut off, and refused later."""
     found = dict[str, Opener | None]()
-    for folder, folders, files in os.walk(path):
+
+    def refuse(error: OSError) -> None:
+        raise error
+
+    for folder, folders, files in os.walk(path, onerror=refuse):
         place = Path(folder).relative_to(path)
         folders[:] = sorted(name for name in folders if not _is_hidden(name)) if len(place.parts) < MAX_DEPTH else []
         for name in sorted(files):
@@ -246,7 +258,7 @@ def _open_members(path: Path, found: Mapping[str, Opener | None]) -> Mapping[str
         raise FormatError(f"{path.name} holds more than {MAX_FILES} files: give the folder of one recording.")
     shared = posixpath.commonpath([posixpath.dirname(place) for place in found])
     return MappingProxyType({
-        posixpath.relpath(place, shared or "."): _open_file(path / place, opener, is_member=True)
+        posixpath.relpath(place, shared or "."): _open_file(path / place, opener, has_others=len(found) > 1)
         for place, opener in found.items()
     })  # fmt: skip
 

@@ -451,15 +451,15 @@ def _open_json(content: Content) -> ArrayTable | None:
         if not value or not isinstance(value[0], dict):
             return None
         frame = pd.json_normalize(value)
+        arrays = dict[str, np.ndarray[Any, Any]]()
+        for column in frame.columns:
+            cells, vectors = frame[column].to_numpy(), frame[column].dropna().head(20)
+            if len(vectors) and all(isinstance(cell, list) and len(cell) == 3 for cell in vectors):  # [x, y, z]
+                cells = np.array([c if isinstance(c, list) and len(c) == 3 else [np.nan] * 3 for c in cells])
+            arrays[str(column)] = cells
     except (ValueError, RecursionError, TypeError, AttributeError) as error:
         reason = " ".join(str(error).split())[:80]
         raise FormatError(f"{name} is no whole JSON of samples ({reason}): export it again.") from None
-    arrays = dict[str, np.ndarray[Any, Any]]()
-    for column in frame.columns:
-        cells, vectors = frame[column].to_numpy(), frame[column].dropna().head(20)
-        if len(vectors) and all(isinstance(cell, list) and len(cell) == 3 for cell in vectors):  # [x, y, z]
-            cells = np.array([c if isinstance(c, list) and len(c) == 3 else [np.nan] * 3 for c in cells])
-        arrays[str(column)] = cells
     return open_arrays(arrays, name)
 
 

@@ -101,7 +101,12 @@ def fill_folder(out: Path, force: bool = False, ours: frozenset[str] = RESULT_FI
                     os.replace(entry, fresh / OLD / entry.name)
                 os.replace(fresh / OLD, fresh / PAST)
             finally:
-                _settle(fresh, out)
+                try:
+                    _settle(fresh, out)
+                except OSError as error:
+                    aside = fresh / (PAST if (fresh / PAST).exists() else OLD)
+                    where = f" Files of the older result are in {aside}." if any(aside.iterdir()) else ""
+                    raise OutputError(f"{unwritable(out, error)}{where}") from None
     except OSError as error:
         raise unwritable(out, error) from None
 
@@ -129,11 +134,13 @@ def _settle(fresh: Path, out: Path) -> None:
 def _settle_left(parent: Path) -> None:
     """Settle the hidden folders of ended processes; none where the disk has no locks."""
     for fresh in sorted(parent.glob(f"{NEW}*")):
-        with suppress(BlockingIOError):  # a running process
+        with suppress(OSError):  # a running process, or another user's
             descriptor, locks = lock_folder(fresh)
-            if locks:
-                _settle(fresh, parent)
-            os.close(descriptor)
+            try:
+                if locks:
+                    _settle(fresh, parent)
+            finally:
+                os.close(descriptor)
 
 
 def check_free(out: Path, force: bool = False, ours: frozenset[str] = RESULT_FILES) -> None:
@@ -212,7 +219,7 @@ def result_files(out: Sequence[Path], ours: Callable[[Path], bool], force: bool 
 
     With `force` existing files are replaced, if by `ours` they are older results. Raises `OutputError` if one exists
     and `force` is not set, or is something else: then none of them takes its place. Where the disk fails while they are
-    moved, those moved before stay.
+    moved, those moved before stay. A file that another process makes between the last check and the move is replaced.
     """
     for file in out:
         check_file_free(file, ours, force)

@@ -55,15 +55,19 @@ def write_folder(path: Path, files: Mapping[str, bytes]) -> Path:
 JUNK = {"__MACOSX/._walk.csv": b"\0\5", ".DS_Store": b"\0", "Annotation.csv": b"", "readme.txt": b"of today\n"}
 
 
-@pytest.mark.parametrize("folder", ["", "my walk/"], ids=["files", "a folder of files"])
-def test_the_one_recording_in_it_is_found(folder: str, text: bytes, tmp_path: Path) -> None:
-    files = {**{folder + name: data for name, data in JUNK.items()}, f"{folder}walk.csv": text}
+@pytest.mark.parametrize(
+    ("folder", "more"),
+    [("", {}), ("my walk/", {}), ("", {"old.csv.gz": gzip.compress(b"t,ax\n")[:-9]})],
+    ids=["files", "a folder of files", "a cut-off file beside it"],
+)
+def test_the_one_recording_in_it_is_found(folder: str, more: dict[str, bytes], text: bytes, tmp_path: Path) -> None:
+    files = {**{folder + name: data for name, data in JUNK.items()}, f"{folder}walk.csv": text, **more}
     for path in (write_folder(tmp_path / "walk", files), write_zip(tmp_path / "walk.zip", files)):
         raw = read_raw(path)
         np.testing.assert_array_equal(raw.acc, RAW.acc)
         assert raw.provenance.path is not None
         assert raw.provenance.path.name == "walk.csv"
-        assert sorted(read_content(path).members) == ["readme.txt", "walk.csv"]
+        assert sorted(read_content(path).members) == [*more, "readme.txt", "walk.csv"]
 
 
 def test_a_named_format_is_looked_for(text: bytes, tmp_path: Path) -> None:
@@ -244,7 +248,7 @@ def test_line_ends_of_all_kinds_count_as_they_are_read(text: bytes, tmp_path: Pa
     ("encode", "words"),
     [
         (lambda data: data.decode().encode("utf-16-le"), "text that is not in UTF-8, UTF-16 with a mark"),
-        (lambda data: data.decode().encode("utf-32"), "text without a table of numbers"),
+        (lambda data: data.decode().encode("utf-32"), "text that is not in UTF-8, UTF-16 with a mark"),
         (bz2.compress, "packed in a way that is not read here: unpack it"),
         (lzma.compress, "packed in a way that is not read here: unpack it"),
     ],

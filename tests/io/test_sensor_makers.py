@@ -1,5 +1,6 @@
 """Files of sensor makers' tools: read equal within their digits, or refused with what to do."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -161,18 +162,27 @@ def test_shimmer_leaves_out_a_time_that_is_none(tmp_path: Path) -> None:
     assert "left out 1 missing sample, the first in row 5" in read(path).provenance.notes
 
 
-def test_movesense_that_is_cut_or_without_rate_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("found", "instead", "words"),
+    [
+        ("ArrayGyro", "ArrayTemp", "no gyroscope, only accelerometer and magnetometer"),
+        (r"(?s).{5000}$", "", "no whole JSON"),
+        *(
+            (r'"Timestamp": \d+', f'"Timestamp": {stamp}', "has no stamp")
+            for stamp in ("true", '"500"', "NaN", "1e999")
+        ),
+    ],
+)
+def test_movesense_that_is_cut_or_without_rate_or_stamps_is_refused(
+    found: str, instead: str, words: str, tmp_path: Path
+) -> None:
     path = tmp_path / "walk.json"
     write_movesense(RAW, path)
     whole = path.read_text()
     path.write_text(whole.replace("ArrayMagn", "ArrayTemp"))
     assert read(path).mag is None
-    path.write_text(whole.replace("ArrayGyro", "ArrayTemp"))
-    with pytest.raises(FormatError, match="no gyroscope, only accelerometer and magnetometer"):
-        read(path)
-    path.write_text(whole)
-    path.write_text(path.read_text()[:-5000])
-    with pytest.raises(FormatError, match="no whole JSON"):
+    path.write_text(re.sub(found, instead, whole))
+    with pytest.raises(FormatError, match=words):
         read(path)
 
 

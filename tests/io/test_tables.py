@@ -289,6 +289,7 @@ def test_broken_binary_tables_are_named(tmp_path: Path) -> None:
 
 
 STARTS = [
+    (json.dumps([{"t": k, "acc": [0, [1], 9.8]} for k in range(3)]).encode(), "no whole JSON of samples"),
     (b"stride,x_m,y_m\n0,0,0\n1,1,1\n", r"is no recording but footprints: .*--truth"),
     (b"time_s,x_m,y_m,z_m,sigma_m\n1,2,3,4,1\n", "is no recording but known positions.*--fixes"),
     (b'{\n "format": "fg-nav calibration",\n "version": 1\n}', "is no recording but a calibration.*--calibration"),

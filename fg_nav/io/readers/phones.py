@@ -41,6 +41,7 @@ from fg_nav.io.streams import NAMES, UNCALIBRATED_FIELD, Sensor, Stream, interpo
 from fg_nav.io.tables import TextTable, find_header, guess_separator, has_rows, scale_values
 from fg_nav.recording import NOMINAL_SIGMA, RawRecording, note_nominal_rate
 from fg_nav.samples.plausibility import measure_rest_acc
+from fg_nav.text import format_count
 
 # One table of all sensors
 
@@ -422,7 +423,7 @@ def is_gnss_logger(content: Content) -> bool:
 @np.errstate(over="ignore", invalid="ignore")  # of numbers that a damaged file may hold
 def read_gnss_logger(content: Content) -> RawRecording:
     """Read the inertial sensors and the magnetometer of a log; a record that is not whole is no sample."""
-    lines, streams = split_lines(content.read_text()), list[Stream]()
+    lines, streams, notes = split_lines(content.read_text()), list[Stream](), list[str]()
     for what, kinds in _KINDS.items():
         kind = next((kind for kind in kinds if any(line.startswith(f"{kind},") for line in lines)), None)
         if kind is None:
@@ -434,6 +435,8 @@ def read_gnss_logger(content: Content) -> RawRecording:
         records = replace(content, encoding="utf-8", opener=partial(io.BytesIO, text), opened={})
         values, row = TextTable(records, names, first_line=1).read_numbers(range(2, width))
         elapsed, xyz = values[:, 0], values[:, 1:4] - (values[:, 4:7] if has_bias else 0.0)
+        if cut := sum(map(bool, own)) - np.count_nonzero(~np.isnan(elapsed) & ~np.isnan(xyz).any(axis=1)):
+            notes.append(f"left out {format_count(cut, f'{kind} record')} not whole")
         is_whole = bool((elapsed == np.rint(elapsed)).all() and np.abs(elapsed).max() < 2.0**53)
         streams.append(Stream(what, elapsed.astype(np.int64) if is_whole else elapsed * 1e-9, xyz, row, kind))
-    return join_streams(streams, content.path, "gnss-logger")
+    return join_streams(streams, content.path, "gnss-logger", notes)

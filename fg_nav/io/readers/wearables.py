@@ -140,7 +140,10 @@ def _read_blocks(blocks: list[dict[str, Any]], what: Sensor, name: str) -> Strea
     for k, block in enumerate(block for block in blocks if array in block):
         try:
             xyz = np.array([[p["x"], p["y"], p["z"]] for p in block[array]], dtype=np.float64)
-            begins.append(float(block["Timestamp"] if "Timestamp" in block else block["timestamp"]))
+            stamp = block["Timestamp"] if "Timestamp" in block else block["timestamp"]
+            if type(stamp) not in (int, float) or not np.isfinite(float(stamp)):
+                raise ValueError
+            begins.append(float(stamp))
             parts.append(xyz.reshape(-1, 3))
         except (TypeError, KeyError, ValueError, OverflowError):
             raise FormatError(f"{name}: block {k + 1} has no stamp, or other than x, y, z: export it again.") from None
@@ -209,6 +212,7 @@ _TURNS = (_TURN, tuple(f"OriInc_q{k}" for k in range(4)), tuple(f"OriInc_{axis}"
 _FINE, _COUNTERS = "SampleTimeFine", ("PacketCounter", "Counter")
 
 _TICKS_A_DAY, _TICK_S = 864_000_000.0, 1e-4  # Of an MTi.
+_MAX_MTI_HZ = 2000.0  # Of the rate and the force; the fastest output of any MTi.
 _RATE = re.compile(r"(?:update|sample|sampling|output)\s+rate\s*:\s*([0-9.]+)\s*hz", re.IGNORECASE)
 
 _OWN = frozenset({"Roll", "Pitch", "Yaw", "Quat_q0", "Quat_w", "Mat[1][1]", "VelInc_X", "OriInc_q0", "OriInc_w"})
@@ -350,9 +354,12 @@ def read_dot(content: Content) -> RawRecording:
     step = median_period_s(ticks)
     fitting = [unit for unit, size in _UNITS_S.items() if _RATES_HZ[0] <= 1.0 / (step * size) <= _RATES_HZ[1]]
     if len(fitting) != 1:
+        remedy = "export it again"
+        if _RATES_HZ[0] <= 1.0 / (step * _TICK_S) <= _MAX_MTI_HZ:
+            remedy = f"read it as an MTi's, fg-nav inspect {shlex.quote(str(content.path))} --format xsens, or {remedy}"
         raise FormatError(
-            f"{content.path.name}: {_FINE} steps by {step:.6g}, which is no rate of a DOT in us nor in 0.1 ms: read it "
-            f"as an MTi's, fg-nav inspect {shlex.quote(str(content.path))} --format xsens, or export it again."
+            f"{content.path.name}: {_FINE} steps by {step:.6g}, which is no rate of a DOT in us nor in "
+            f"0.1 ms: {remedy}."
         )
     if fitting == ["0.1 ms"]:
         remarks = (f"{_FINE} is in 0.1 ms, as its steps of {step:g} show", *remarks)

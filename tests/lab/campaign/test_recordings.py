@@ -15,7 +15,9 @@ from fg_nav.lab.campaign.folder import TABLES
 from fg_nav.lab.campaign.walks import OUR_TABLES, Recorded, find_walks, pack
 from fg_nav.lab.simulation import simulate
 from fg_nav.lab.store.files import MARKERS
-from fg_nav.report import folder as report_folder
+from fg_nav.lab.verbs.detect import DETECT_FILES
+from fg_nav.lab.verbs.simulate import SIMULATION_FILES
+from fg_nav.report.folder import RESULT_FILES
 from tests.lab.campaign import fakes
 
 
@@ -50,7 +52,7 @@ def test_a_mat_beside_belongs_to_the_walk(tmp_path):
 
 
 def test_our_own_tables_are_no_walks():
-    ours = report_folder.RESULT_FILES | report_folder.SIMULATION_FILES | report_folder.DETECT_FILES
+    ours = RESULT_FILES | SIMULATION_FILES | DETECT_FILES
     ours |= set(TABLES)
     assert {name for name in ours if name.endswith(".csv")} - {"recording.csv"} == set(OUR_TABLES)
 
