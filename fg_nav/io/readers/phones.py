@@ -435,7 +435,7 @@ def read_gnss_logger(content: Content) -> RawRecording:
         records = replace(content, encoding="utf-8", opener=partial(io.BytesIO, text), opened={})
         values, row = TextTable(records, names, first_line=1).read_numbers(range(2, width))
         elapsed, xyz = values[:, 0], values[:, 1:4] - (values[:, 4:7] if has_bias else 0.0)
-        if cut := sum(map(bool, own)) - np.count_nonzero(~np.isnan(elapsed) & ~np.isnan(xyz).any(axis=1)):
+        if cut := sum(map(bool, own)) - int((~np.isnan(elapsed) & ~np.isnan(xyz).any(axis=1)).sum()):
             notes.append(f"left out {format_count(cut, f'{kind} record')} not whole")
         is_whole = bool((elapsed == np.rint(elapsed)).all() and np.abs(elapsed).max() < 2.0**53)
         streams.append(Stream(what, elapsed.astype(np.int64) if is_whole else elapsed * 1e-9, xyz, row, kind))
