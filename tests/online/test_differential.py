@@ -64,5 +64,5 @@ def test_a_walk_finds_the_bias_by_it_at_its_end_as_the_batch_does() -> None:
     assert (np.abs(table.gyro_bias - truth)[middle] < 3.0 * table.gyro_bias_sigma[middle]).all()
     assert (np.abs(table.gyro_bias - batch.gyro_bias)[middle] < batch.gyro_bias_sigma[middle]).all()
     np.testing.assert_allclose(table.gyro_bias_sigma[middle], batch.gyro_bias_sigma[middle], rtol=0.25)
-    # All stances of a bias variable have 0.2 deg/s in common, so the sigma is no less than three quarters.
-    assert table.gyro_bias_sigma[middle, 2] < 0.8 * inertial.gyro_bias_sigma[middle, 2]
+    # The field takes a tenth of the sigma about the vertical, as in batch (0.90 of it is left).
+    assert table.gyro_bias_sigma[middle, 2] < 0.92 * inertial.gyro_bias_sigma[middle, 2]
