@@ -300,6 +300,7 @@ import os, signal, sys
 from fg_nav.detection.stance import StanceParameters
 from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.resolve import SolverProcess
+signal.signal(signal.SIGINT, signal.default_int_handler)  # A shell may have it ignored in the background.
 process = SolverProcess({None: OnlineOptions()}, StanceParameters())
 process._worker.submit(os.getpid).result()
 print(process.pid, flush=True)
