@@ -69,7 +69,7 @@ def test_what_was_left_out_is_remarked_with_its_row():
         ((RAW.t, ACC_G, RAW.gyr), None, "acc seems to be in g"),
         ((RAW.t, RAW.acc, GYR_DEG_S), None, "gyr seems to be in deg/s"),
         ((RAW.t[:9], RAW.acc[:9], RAW.gyr[:9]), None, "cannot make a walk"),
-        ((RAW.t, RAW.acc, RAW.gyr), "furlong", "no unit 'furlong'"),
+        ((RAW.t, RAW.acc, RAW.gyr), "furlong", "'furlong' is no unit"),
         ((RAW.t, RAW.acc, RAW.gyr), {"acc": "deg/s"}, "no unit 'deg/s' of acc"),
         ((RAW.t, RAW.acc, RAW.gyr), {"force": "g"}, "units name 'force'"),
         ((RAW.t, RAW.acc, [["a", 0, 0]] * 400), None, "row 1, column 'gyr': 'a' is not a number"),
