@@ -92,7 +92,7 @@ def break_stamps(rows: Floats, rng: Rng) -> Floats:
     if kind == "backward":
         return np.concatenate([rows[:at], rows[max(0, at - 30) : at], rows[at:]])
     if kind == "ahead":
-        return np.insert(rows, at, rows[at] + 1e5 * np.eye(10)[0], axis=0)
+        return np.insert(rows, at, rows[at] + 1e5 * np.eye(rows.shape[1])[0], axis=0)
     rows[at:, 0] -= rows[at, 0] - rows[0, 0]
     return rows
 
