@@ -396,13 +396,14 @@ def _compute_covariance(walk: StrideModel, fit: Linearization, prior: Floats) ->
     """Sandwich covariance (U, U) of all unknowns: strides passing one place are not independent."""
     bread = np.linalg.inv(fit.information.sum(axis=0) + prior)
     size = float((whiten(fit.whitening, fit.residual) ** 2).mean())
-    J = whiten(fit.whitening, fit.jacobian) * fit.weight[:, None, None, None]
+    white = whiten(fit.whitening, fit.jacobian)
+    J = white * fit.weight[:, None, None, None]
     J = J.reshape(-1, walk.unknowns)
     within = size * J.T @ J
     # share of the variance of d that is the building's field, repeated wherever the walk returns
     square = float((fit.residual**2).mean())
     share = 1.0 - READING_UT**2 / max(square, READING_UT**2)
-    between = share * _sum_over_places(walk, fit)
+    between = share * _sum_over_places(walk, fit, white)
     # project to positive semidefinite: correlation may only add uncertainty
     value, axes = np.linalg.eigh(between)
     between = (axes * np.maximum(value, 0.0)) @ axes.T
@@ -416,14 +417,15 @@ def _compute_covariance(walk: StrideModel, fit: Linearization, prior: Floats) ->
     return np.asarray(covariance)
 
 
-def _sum_over_places(walk: StrideModel, fit: Linearization) -> Floats:
-    """Cross-stride part (U, U) of M, the covariance of the score, if all of d were the building's field."""
+def _sum_over_places(walk: StrideModel, fit: Linearization, white: Floats) -> Floats:
+    """Cross-stride part (U, U) of M, the covariance of the score, if all of d were the building's field.
+
+    `white` is the whitened Jacobian of the fit.
+    """
     sigma = (fit.residual**2).mean(axis=0)
     sigma[:, :2] = sigma[:, :2].mean(axis=1, keepdims=True)
     sigma = np.sqrt(sigma)
-    pulls = np.swapaxes(fit.whitening, 1, 2) @ np.moveaxis(whiten(fit.whitening, fit.jacobian), 2, 0).reshape(
-        3, len(walk), PHASES, -1
-    ).swapaxes(0, 1)
+    pulls = np.swapaxes(fit.whitening, 1, 2) @ np.moveaxis(white, 2, 0).reshape(3, len(walk), PHASES, -1).swapaxes(0, 1)
     pulls = pulls * fit.weight[:, None, None, None] * sigma.T[None, :, :, None]
     sites = pulls.reshape(len(walk), 3, SITES, PHASES // SITES, -1).sum(axis=3).swapaxes(1, 2)
     place = walk.strides.place.reshape(len(walk), SITES, PHASES // SITES, 3).mean(axis=2)

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn, get_type_hints
 import typer
 
 from fg_nav.commands.requests import GROUPS, REQUESTS, Request
-from fg_nav.errors import FgNavError
+from fg_nav.errors import FgNavError, describe_reason
 from fg_nav.lab import verbs as laboratory
 from fg_nav.system.processes import collect_seldom
 
@@ -106,9 +106,10 @@ def main() -> NoReturn:
     except FgNavError as error:
         _leave(" ".join(str(error).split()), EXIT_USER)
     except OSError as error:
-        reason = error.strerror or type(error).__name__
         where = "" if error.filename is None else f" ({error.filename})"
-        _leave(f"the system refused: {reason.lower()}{where}; check path, permissions and free space.", EXIT_USER)
+        _leave(
+            f"the system refused: {describe_reason(error)}{where}; check path, permissions and free space.", EXIT_USER
+        )
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPTED)
     except Exception as error:

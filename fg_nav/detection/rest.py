@@ -27,6 +27,7 @@ stance (a sandwich estimate: errors within a stance are correlated).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -106,10 +107,15 @@ class Rest:
         return replace(self, rate=axes @ along, covariance=covariance)
 
 
+def find_longest(rests: Sequence[Rest]) -> Rest | None:
+    """Return the longest rest, the first of those that last as long; None without any."""
+    return max(rests, key=lambda rest: rest.stop - rest.start, default=None)
+
+
 def find_rests(recording: Recording, parameters: RestParameters = RestParameters()) -> tuple[Rest, ...]:
     """Find the rests of a recording that agree with the longest one in the bias, in order."""
     rests = find_still_stretches(recording, parameters)
-    longest = max(rests, key=lambda rest: rest.stop - rest.start, default=None)
+    longest = find_longest(rests)
     return tuple(rest for rest in rests if longest is not None and rest.agrees_with(longest))
 
 
@@ -145,7 +151,8 @@ def find_still_stretches(recording: Recording, parameters: RestParameters) -> li
 def remove_large_bias(t: Floats, acc: Floats, gyr: Floats) -> Floats:
     """Subtract the rate of the longest rest from the rates (N, 3), if large, for checks that assume a small one."""
     rests = find_still_stretches(Recording(t, acc, gyr), RestParameters())
-    rate = max(rests, key=lambda rest: rest.stop - rest.start).rate if rests else np.zeros(3)
+    longest = find_longest(rests)
+    rate = np.zeros(3) if longest is None else longest.rate
     return gyr - rate if np.linalg.norm(rate) > np.radians(LARGE_BIAS_DEG_S) else gyr
 
 
@@ -211,7 +218,7 @@ def find_start(
 def _longest_within(span: slice, rests: tuple[Rest, ...]) -> Rest | None:
     """Return the longest rest with its middle in a span of samples."""
     inside = [rest for rest in rests if span.start <= (rest.start + rest.stop) // 2 < span.stop]
-    return max(inside, key=lambda rest: rest.stop - rest.start, default=None)
+    return find_longest(inside)
 
 
 def freeze_ends(t: Floats, stances: Stances, position: Floats, velocity: Floats) -> tuple[str, ...]:

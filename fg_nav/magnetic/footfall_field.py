@@ -38,7 +38,7 @@ from functools import cached_property
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.detection.rest import find_start
+from fg_nav.detection.rest import find_longest, find_start
 from fg_nav.detection.stance import Stances
 from fg_nav.errors import MagneticError
 from fg_nav.frames import average_angles, compute_heading, wrap_angle
@@ -275,7 +275,7 @@ def integrate_attitude(recording: Recording, stances: Stances, heading: float = 
     Raises `EstimationError` without a stance, on stances of another recording, or where the specific force vanishes.
     """
     start = find_start(recording, stances, heading)
-    longest = max(start.rests, key=lambda rest: rest.stop - rest.start, default=None)
+    longest = find_longest(start.rests)
     bias = np.zeros(3) if longest is None else longest.rate
     t, acc, gyr, mask, n = recording.t, recording.acc, recording.gyr, stances.mask, len(recording)
     attitude = np.empty((n, 3, 3))

@@ -287,7 +287,7 @@ class PartialWalk:
         if not found.used:
             return replace(recording, mag=None)
         lead = self.buffer.find_since(self.buffer.stamp(mag_from) - LEAD_S, mag_from)
-        part = self._cut(lead, self.stop)
+        part = recording if lead == first else self._cut(lead, self.stop)
         mag = part.mag if found.delay is None else remove_delay(part, found.delay).mag
         if mag is None:
             return recording

@@ -116,11 +116,16 @@ class FeetNavigator:
         }
         self.refused: dict[Side, str] = {}  # feet whose samples cannot be used, and why
         self._silent: set[Side] = set()
-        self.is_parted, self._begun = False, np.inf  # whether their clocks are not one any more; first stamp, s
+        self._begun = np.inf  # first stamp, s
         self._person = PersonTracker()
         self._pending: dict[Side, Pending | None] = dict.fromkeys(SIDES)
         self._begun_s = dict.fromkeys(SIDES, -np.inf)
         self._known: list[AnchorState | None] = [None, None]
+
+    @property
+    def is_parted(self) -> bool:
+        """Whether the clocks of the feet are not one any more: each foot is left alone."""
+        return self._walks.is_parted
 
     def push(
         self, side: Side, t: Floats, acc: Floats, gyr: Floats, mag: Floats | None = None, pressure: Floats | None = None
@@ -157,7 +162,7 @@ class FeetNavigator:
         # After a clock restart the shift of the stamps is a guess: the feet share no clock any more.
         navigator = self.navigators[side]
         if not self.is_parted and navigator.intake.clock_shift_s:
-            self.is_parted = self._walks.is_parted = True
+            self._walks.is_parted = True
             if self._process is not None:
                 self._process.part()
             why = "its clock began again: each foot goes on alone, in a frame of its own"

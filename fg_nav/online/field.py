@@ -54,7 +54,6 @@ from fg_nav.smoother.field_factors import (
     deviate_along,
     integrate_path,
     measure_roughness,
-    rotate_field,
     weigh_compass,
 )
 from fg_nav.smoother.graph import Trajectory
@@ -91,16 +90,15 @@ class OnlineField:
         factors, values = found.problem.get(FieldFactors), found.solved.values
         self._p = replace(factors.parameters, potential=len(factors.potential) > 0)
         self._level_R_body, self._prior, self._lost_share = factors.path.level_R_body, factors.prior, factors.lost_share
-        nav_R_body = list_attitudes(found.problem.nodes.result, values)
-        nav, judged = rotate_field(field, nav_R_body), replace(field, nav_R_body=nav_R_body)
+        judged = replace(field, nav_R_body=list_attitudes(found.problem.nodes.result, values))
         distance, statistic = np.append(0.0, factors.path.distance_m), apply_gate(judged, self._p.gate).statistic
-        self._recent = np.column_stack([nav[:, :2], found.states[:, E_H], distance, statistic])[-RECENT:]
+        self._recent = np.column_stack([judged.nav_field[:, :2], found.states[:, E_H], distance, statistic])[-RECENT:]
         self._potential = factors.rough.potential
         self._needed = min(count_needed(self._p.gate) or RECENT, RECENT)
         self._judged = judged.select(slice(-self._needed, None))
         self._rough, self._age = self._measure_roughness(), 0
         self._strength_uT = float(np.median(np.linalg.norm(found.states[:, E_H], axis=1)))
-        self._up_uT = float(np.nanmedian(nav[:, 2]))
+        self._up_uT = float(np.nanmedian(judged.nav_field[:, 2]))
 
     def measure(self, recording: Recording, stances: Stances, track: Trajectory, is_seen: bool) -> StrideField:
         """Return the mean field at the second of two footfalls and the line integral along the stride, as in batch.
@@ -169,7 +167,7 @@ class OnlineField:
         newest = replace(stride.footfall, nav_R_body=nav_R_body[None])
         self._judged = self._judged.join(newest).select(slice(-self._needed, None))
         verdicts = apply_gate(self._judged, self._p.gate)
-        level = rotate_field(newest, newest.nav_R_body)[0, :2]
+        level = newest.nav_field[0, :2]
         row = np.concatenate([level, before[E_H], [stride.path.distance_m[0], verdicts.statistic[-1]]])
         self._recent = np.vstack([self._recent, row])[-RECENT:]
         # a larger gate statistic than is usual on this walk gives a larger sigma

@@ -53,19 +53,18 @@ from fg_nav.online.estimates import (
     tag_line,
 )
 from fg_nav.online.feet import FeetMerge, FeetNavigator
+from fg_nav.online.navigator import NO_ROWS
 from fg_nav.online.pocket import Navigator, begin_walk
 from fg_nav.online.record import Record
 from fg_nav.online.rows import Columns
 from fg_nav.online.sources import SampleSource
 from fg_nav.samples.delivery import LossCounter, Silence, describe_losses
-from fg_nav.samples.readings import COLUMNS
 from fg_nav.text import find_version
 from fg_nav.verdict import limits
 from fg_nav.verdict.limits import Reason, Verdict
 from fg_nav.view.outlets import Outlets, Say, StatusReporter
 
 WAIT_S = 0.05  # for rows of one sensor, before the other's are read, and the stop signal is checked
-NO_ROWS = np.empty((0, COLUMNS))
 REPLAYED = 1 << 14  # rows of a record at once; the answer does not depend on it
 
 # Ctrl-C, a service that is stopped, a terminal or connection that is gone: they end the walk.

@@ -42,6 +42,7 @@ from fg_nav.calibration import MagnetometerCalibration
 from fg_nav.calibration.walk import MeasuredField, measure_walk_field
 from fg_nav.detection import detect_stances
 from fg_nav.detection.causal import Footfall
+from fg_nav.detection.rest import find_longest
 from fg_nav.detection.stance import StanceParameters, Stances
 from fg_nav.errors import DetectionError
 from fg_nav.feet import SIDES, Side
@@ -152,14 +153,13 @@ def review_footfalls(
     # The stances as footfalls, in samples of the walk.
     stillest = stances.stillest(recording.gyr) + first
     edges = np.searchsorted(stances.footfall, np.arange(1, stances.n_footfalls))
-    threshold = np.full(len(stances), np.nan if stances.threshold is None else stances.threshold)
+    threshold = np.full(len(stances), stances.threshold)
     parts = (np.split(part, edges) for part in (stances.start + first, stances.stop + first, threshold))
     rows = zip(*parts, stillest.tolist(), strict=True)
     detected = [Footfall(start, stop, level, at, continues=False) for start, stop, level, at in rows]
     # A footfall is confirmed by any detected stance that shares a sample with it.
     open_from = first + int(np.searchsorted(recording.t, recording.t[-1] - OPEN_S))
-    begins = np.array([int(one.start[0]) for one in detected])
-    ends = np.array([int(one.stop[-1]) for one in detected])
+    begins, ends = (part + first for part in stances.spans)
     kept: list[ReportedFootfall] = []
     matched: set[int] = set()
     for one in footfalls:
@@ -259,7 +259,6 @@ def build_anchor(
     shared = problem.parameters.moving_foot, air is not None
     rows = list_estimates(stances, verdicts, values, covariances, *shared)
     heights = np.asarray(list_positions(problem.nodes.result, values)[:, 2])
-    longest_rest = max(known.rests, key=lambda rest: rest.stop - rest.start, default=None)
     return AnchorState(
         stance=stances[-1],
         verdict=verdicts[-1],
@@ -272,7 +271,7 @@ def build_anchor(
         parameters=problem.parameters,
         field=None if found.walk.field is None or found.field is None else OnlineField(found.walk.field, found.field),
         barometer=None if air is None else air.barometer,
-        rests=RestLedger(longest_rest, known.rests[-1] if known.rests else None),
+        rests=RestLedger(find_longest(known.rests), known.rests[-1] if known.rests else None),
         sensor=walk.sensor,
         counts=dict(count_factors(problem)),
         fixes=options.fixes,

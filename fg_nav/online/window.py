@@ -273,7 +273,7 @@ class Window:
             self._begin_again(stride)
         else:
             self._rests = rests
-        if not self._walk.continues[-1]:
+        if not self._walk.footfall(self._stances[-1].number).continues:
             self._floors = self._floors.add(float(self._pose(X(self._stances[-1].result)).z()))
         self.latest = self._estimate()
         self.reported.append(self.latest.as_row())
@@ -357,9 +357,10 @@ class Window:
         """Add the field at the newest footfall and along its stride, and solve; return the verdict on it."""
         if self.field is None:
             return self._verdicts[-1]
-        k, nodes, continues = stride.stance.number, (stride.before.result, stride.stance.result), self._walk.continues
+        k, nodes = stride.stance.number, (stride.before.result, stride.stance.result)
+        continues = self._walk.footfall(k).continues
         track, attitude = self._trace_stride(stride), self._pose(X(nodes[1])).rotation().matrix()
-        measured = self.field.measure(stride.recording, stride.stances, track, is_seen=not continues[-1])
+        measured = self.field.measure(stride.recording, stride.stances, track, is_seen=not continues)
         before = np.asarray(self._isam.calculateEstimateVector(M(k - 1)))
         graph, state, verdict = self.field.add(k, nodes, measured, attitude, before)
         values = gtsam.Values()
@@ -368,7 +369,7 @@ class Window:
         self._further["gated_out"] += (
             bool(np.isfinite(measured.footfall.body_field).all()) and not verdict.compass_weight
         )
-        return CompassVerdict(UNKNOWN, STANDS_ON) if continues[-1] else verdict
+        return CompassVerdict(UNKNOWN, STANDS_ON) if continues else verdict
 
     def _trace_stride(self, stride: StrideWindow) -> Trajectory:
         """Return the path of the newest stride at the samples of its window."""

@@ -140,7 +140,7 @@ def _place(path: Signature, known: SavedPlaces, found: Recognition) -> Location 
     # consistent sets of stretches, scored without counting a part of the walk twice
     sets = [_grow(pieces, len(stretches), start) for start in range(min(len(stretches), MAX_SETS))]
     scores = []
-    for members in sets:
+    for members, _ in sets:
         # of stretches that overlap on the walk, the best alone counts
         total, covered = 0.0, np.zeros(0)
         for k in sorted(members, key=lambda number: -stretches[number].score):
@@ -149,19 +149,19 @@ def _place(path: Signature, known: SavedPlaces, found: Recognition) -> Location 
                 covered = np.concatenate([covered, stretches[k].later])
         scores.append(total)
     best = int(np.argmax(scores))
-    fit = _fit_transform(pieces.of(sets[best]))
+    members, fit = sets[best]
     # odds of rival sets, which put the walk elsewhere: the best set of each place
     places, odds = [fit], 0.0
     for k in np.argsort(-np.array(scores), kind="stable").tolist():
-        other = _fit_transform(pieces.of(sets[k]))
+        other = sets[k][1]
         if all(_is_elsewhere(other, place) for place in places):
             places.append(other)
             odds += float(np.exp(-found.chance.decay * max(scores[best] - scores[k], 0.0)))
-    expected = min(stretches[k].expected_false for k in sets[best]) + odds
+    expected = min(stretches[k].expected_false for k in members) + odds
     if expected >= LONE_EXPECTED:
         return None
-    of_set = tuple(stretches[k] for k in sets[best])
-    return Location(fit.x[:3], average_angles(fit.x[3:]), fit.covariance, expected, of_set, pieces.of(sets[best]))
+    of_set = tuple(stretches[k] for k in members)
+    return Location(fit.x[:3], average_angles(fit.x[3:]), fit.covariance, expected, of_set, pieces.of(members))
 
 
 def _cut_pieces(path: Signature, known: SavedPlaces, stretches: Sequence[Stretch]) -> Pieces:
@@ -189,15 +189,15 @@ def _cut_pieces(path: Signature, known: SavedPlaces, stretches: Sequence[Stretch
     return Pieces(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
-def _grow(pieces: Pieces, count: int, start: int) -> list[int]:
-    """Return the stretches consistent with stretch `start`: greedy, best of `count` first, refitted each time."""
+def _grow(pieces: Pieces, count: int, start: int) -> tuple[list[int], _Transform]:
+    """Return the stretches consistent with `start`, greedily the best of `count` first, and the transform by them."""
     members = [start]
     fit = _fit_transform(pieces.of(members))
     for k in range(count):
         if k != start and _agrees(pieces.of([k]), fit):
             members.append(k)
             fit = _fit_transform(pieces.of(members))
-    return members
+    return members, fit
 
 
 def _agrees(one: Pieces, fit: _Transform) -> bool:

@@ -23,14 +23,13 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import RecordingError
-from fg_nav.samples.gaps import MAX_HELD_S
+from fg_nav.samples.gaps import LOST_PERIODS, MAX_HELD_S
 from fg_nav.system.compiled import njit
 from fg_nav.text import format_count
 
 MAX_BRIDGED_S = MAX_HELD_S  # In a longer gap a foot may have turned anywhere: behind this, sigma of heading 1 rad.
 MAX_GAP_S = 0.1  # Longer holes stay open: in mid-swing a foot speeds up by metres a second in one.
 GAP_PERIODS = 2.5  # Between stamps of a gap; transport jitter makes shorter steps.
-LOST_PERIODS = 1.5  # A step of more periods than this leaves out a sample.
 ROOM = 0.55  # Least distance of two samples' stamps, in periods: polling every 6 ms leaves 0.6 of a sensor's 5 ms.
 SAME_S = 1e-7  # Stamps that rise by no more are the same: no sensor samples as fast, and no result is written finer.
 JUMP_S, MAX_AHEAD = 1.0, 20  # Stamps so far ahead, and not more, are wrong if the next goes on from before them.

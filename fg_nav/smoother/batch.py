@@ -61,7 +61,7 @@ from fg_nav.smoother.sensitivity import (
     weigh_gyro_scale,
     weigh_path,
 )
-from fg_nav.smoother.solver import FIRST_CONVERGENCE, Solved, in_nav, list_covariances, list_poses
+from fg_nav.smoother.solver import FIRST_CONVERGENCE, Solved, in_nav, list_biases, list_covariances, list_poses
 from fg_nav.smoother.strides import Nodes
 from fg_nav.solution import Return, Solution, StanceTable
 from fg_nav.text import format_count
@@ -364,9 +364,8 @@ def stance_table(t: Floats, nodes: Nodes, solved: Solved, verdict: FieldVerdict,
     `covariances` (K, 6, 6) are those of `list_table_keys`.
     """
     body, of_bias = covariances[: len(nodes.result)], covariances[len(nodes.result) :]
-    bias_keys = list_table_keys(nodes)[len(nodes.result) :]
     bias_variance = np.diagonal(of_bias, axis1=1, axis2=2)[nodes.bias]
-    bias = np.array([solved.values.atConstantBias(key).gyroscope() for key in bias_keys])
+    bias = list_biases(nodes, solved.values)[:, 3:]
     poses = list_poses(nodes.result, solved.values)
     attitude, position = poses[:, :3, :3].copy(), poses[:, :3, 3].copy()
     pose_cov = in_nav(attitude, body)

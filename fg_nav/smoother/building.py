@@ -387,7 +387,7 @@ class PathUncertainty:
         return np.hypot(self._look_up(self.heading, first, second), np.radians(MIN_HEADING_DEG))
 
     def _look_up(self, variance: Floats, first: Floats, second: Floats) -> Floats:
-        nearest = np.searchsorted(0.5 * (self.anchor_m[1:] + self.anchor_m[:-1]), first)
+        nearest = find_footfalls(first, self.anchor_m)
         sigma = np.sqrt(np.maximum(variance, 0.0))
         # From an anchor before the first place on to the second; by way of one behind it, at most the sum of both ways.
         footfall = [np.minimum(np.searchsorted(self.walked_m, one), len(self.walked_m) - 1) for one in (first, second)]
@@ -505,9 +505,8 @@ def _describe_return(path: Signature, stretch: Stretch) -> Return:
 def mark_returns(table: StanceTable, returns: Sequence[Return]) -> StanceTable:
     """Write into a table which earlier footfall each was at the place of, by the surest stretch."""
     same, score = np.full(len(table), -1), np.zeros(len(table))
-    halfway = 0.5 * (table.t[1:] + table.t[:-1])
     for one in sorted(returns, key=lambda of: of.score):
         inside = np.flatnonzero((table.t >= one.t[0]) & (table.t <= one.t[-1]))
-        same[inside] = np.searchsorted(halfway, np.interp(table.t[inside], one.t, one.earlier_t))
+        same[inside] = find_footfalls(np.interp(table.t[inside], one.t, one.earlier_t), table.t)
         score[inside] = one.score
     return replace(table, same_place=same, place_score=score)

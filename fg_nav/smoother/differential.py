@@ -203,7 +203,7 @@ class DifferentialFactors(GtsamFactors):
     """The factors of a walk: one of three rows on each bias variable that a stretch shows."""
 
     def __init__(self, stances: StretchSum, standings: StretchSum, noise: FieldNoise, known: LevelBias) -> None:
-        self.stances, self.standings, self.noise = stances, standings, noise
+        self.stances, self.standings = stances, standings
         limited = _add_limited(stances.information, standings.information)
         self.information = known.weaken(limited.eliminate_iron(noise.iron))
         residual, seen = self.information.residual(), np.flatnonzero(stances.count + standings.count)

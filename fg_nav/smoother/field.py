@@ -62,7 +62,7 @@ from fg_nav.smoother.field_factors import (
     deviate_along,
     integrate_path,
     measure_roughness,
-    rotate_field,
+    split_potential,
     weigh_compass,
 )
 from fg_nav.smoother.graph import UNKNOWN_HEADING_DEG, StartPrior, Trajectory, WalkProblem, solve, turn_walk
@@ -117,13 +117,14 @@ class FieldSolution:
 def turn_to_field(problem: WalkProblem, field: FootfallField) -> WalkProblem:
     """Return the walk with a heading that drifted far bent back, and an unknown heading set by the field."""
     nav_R_body = list_attitudes(problem.nodes.result, problem.values)
-    values = remove_drift(problem.values, problem.nodes, rotate_field(field, nav_R_body), field.t)
+    values = remove_drift(problem.values, problem.nodes, replace(field, nav_R_body=nav_R_body).nav_field, field.t)
     problem = replace(problem, values=values)
     if problem.heading_known:
         return problem
     # Turned about up, so that its mean field points north; its start is free.
     values = gtsam.Values(values)
-    mean = np.nanmean(rotate_field(field, list_attitudes(problem.nodes.result, values)), axis=0)
+    solved = replace(field, nav_R_body=list_attitudes(problem.nodes.result, values))
+    mean = np.nanmean(solved.nav_field, axis=0)
     turn_walk(values, problem.nodes, float(np.arctan2(*mean[:2])))
     start = StartPrior(values.atPose3(X(0)).rotation().matrix(), float(np.radians(UNKNOWN_HEADING_DEG)))
     return replace(problem, values=values, start=start)
@@ -217,7 +218,8 @@ def integrate_field(problem: WalkProblem, field: FootfallField, track: Trajector
     """Integrate the field along the strides of a walk."""
     recording, nodes = problem.recording, problem.nodes
     assert recording.mag is not None
-    up_uT = float(np.nanmedian(rotate_field(field, list_attitudes(nodes.result, problem.values))[:, 2]))
+    solved = replace(field, nav_R_body=list_attitudes(nodes.result, problem.values))
+    up_uT = float(np.nanmedian(solved.nav_field[:, 2]))
     footfall = nodes.sample[nodes.result]
     return integrate_path(recording.t, recording.mag, track.position, track.nav_R_body, footfall, up_uT)
 
@@ -228,10 +230,11 @@ def add_field_factors(
     """Put the field's factors by a walk at `values`, `states` (F, 9) of the last round, into it; return verdicts."""
     # The field against its mean, level before the heading is known.
     p, nav_R_body = problem.parameters.magnetic, list_attitudes(problem.nodes.result, values)
-    nav_field = rotate_field(field, nav_R_body)
+    judged = replace(field, nav_R_body=nav_R_body)
+    nav_field = judged.nav_field
     seen = np.isfinite(nav_field[:, 0])
     level = np.hypot(nav_field[:, 0], nav_field[:, 1])
-    verdicts = apply_gate(replace(field, nav_R_body=nav_R_body), p.gate)
+    verdicts = apply_gate(judged, p.gate)
     if states is None:
         reference = np.tile([0.0, float(np.median(level[seen]))], (len(nav_field), 1))
         deviation = level - np.median(level[seen])
@@ -362,13 +365,8 @@ def list_jumps(problem: WalkProblem, solved: Solved) -> list[Jump]:
 def _size(problem: WalkProblem, solved: Solved, stride: Ints) -> float:
     """Return the total jump of the potential over these strides, uT m: minus the residuals left out."""
     field = problem.get(FieldFactors)
-    left_out = np.flatnonzero(field.path.jumps)
-    if not len(left_out):
-        return 0.0
-    e, _ = field.integrals_over(left_out).evaluate(solved.values, with_jacobians=False)
-    size = np.zeros(len(field.path.jumps))
-    size[left_out] = -e[:, 0] * field.sigma_of(left_out)
-    return float(size[stride].sum())
+    e, _ = field.integrals_over(stride).evaluate(solved.values, with_jacobians=False)
+    return float((-e[:, 0] * field.sigma_of(stride)).sum())
 
 
 def describe_jumps(problem: WalkProblem, solved: Solved) -> tuple[str, ...]:
@@ -408,7 +406,8 @@ def average_path_noise(problem: WalkProblem, values: gtsam.Values) -> PathNoise:
     share = float(average(np.array(SHARES), evidence, np.array(SHARES_PRIOR)))
     # The drift over the walk as a random walk's a stride.
     horizontal, strides = float(np.linalg.norm(field.prior.mean[E_H])), int((field.path.distance_m > MIN_STEP_M).sum())
-    drift_uT_m = float(np.sqrt(np.sum(field.assume_lost_share(share).drift_uT_m ** 2) / max(strides, 1)))
+    left = split_potential(field.rough.potential, share, field.path.distance_m)[1]
+    drift_uT_m = float(np.sqrt(np.sum(left**2) / max(strides, 1)))
     return PathNoise(share, drift_uT_m / horizontal, len(field.potential))
 
 

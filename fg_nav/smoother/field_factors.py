@@ -52,7 +52,6 @@ from fg_nav.factors.magnetic_field import (
 )
 from fg_nav.factors.residual import ResidualBlock, factor_of
 from fg_nav.frames import level_attitude
-from fg_nav.magnetic import FootfallField
 from fg_nav.samples.gaps import cross_holes
 from fg_nav.smoother.parameters import FieldParameters
 from fg_nav.smoother.solver import BlockGroup, GtsamFactors
@@ -307,15 +306,10 @@ def integrate_path(
 
 
 def compass_sigma(variance: Floats, rough: FieldRoughness) -> Floats:
-    """Sigma (...) uT of compasses, by their variance over that of the walk's (`quasi_static.weigh_statistic`)."""
+    """Sigma (...) uT of compasses, by their variance over that of the walk's (`detectors.weigh_statistic`)."""
     return np.asarray(np.hypot(COMPASS_SIGMA_UT, rough.white_uT * np.sqrt(variance)))
 
 
 def weigh_compass(sigma_uT: Floats, rough: FieldRoughness) -> Floats:
     """Information of compasses with these sigmas (...) over that at the walk's own spread, at most 1; 0 without one."""
     return np.asarray(np.minimum((compass_sigma(np.ones(()), rough) / sigma_uT) ** 2, 1.0))
-
-
-def rotate_field(field: FootfallField, nav_R_body: Floats) -> Floats:
-    """Rotate the field at the footfalls into nav, (F, 3) uT."""
-    return np.asarray(np.einsum("kij,kj->ki", nav_R_body, field.body_field))

@@ -43,6 +43,7 @@ from websockets.protocol import State
 from fg_nav.system.processes import collect_seldom
 from fg_nav.text import to_json
 from fg_nav.view.history import Walkers, turn_line
+from fg_nav.view.outlets import BACKLOG
 
 LIVE = "/live"
 
@@ -52,7 +53,6 @@ FILES = {
     "/view.js": ("view.js", "text/javascript; charset=utf-8"),
 }
 
-BACKLOG = 1024  # Clients that connect at the same instant.
 MAX_WAITING = 1 << 18  # Bytes in the buffer of a client: ten minutes of lines, beside the system's; two histories.
 MAX_RECEIVED = 1 << 16  # Bytes from a client of lines, which has nothing to send.
 MAX_MESSAGE = 1024  # Bytes from a page, which sends none.

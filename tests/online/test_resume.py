@@ -24,7 +24,8 @@ from fg_nav.io import write_canonical
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.online import record
 from fg_nav.online.buffer import OnlineOptions, rows_of
-from fg_nav.online.follow import NO_ROWS, Sensor, SensorWalk, StreamOptions, follow
+from fg_nav.online.follow import Sensor, SensorWalk, StreamOptions, follow
+from fg_nav.online.navigator import NO_ROWS
 from fg_nav.online.record import Record
 from fg_nav.online.rows import RowReader
 from fg_nav.online.sources import TextSource

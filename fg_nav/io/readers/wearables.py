@@ -33,6 +33,7 @@ from fg_nav.io.readers.known_tables import LOCAL_FIELD, Axes, pack_samples, read
 from fg_nav.io.streams import NAMES, Sensor, Stream, continue_counter, join_streams
 from fg_nav.io.tables import TextTable, find_header, scale_values
 from fg_nav.recording import RawRecording
+from fg_nav.samples.gaps import LOST_PERIODS
 from fg_nav.samples.plausibility import (
     find_gyr_unit,
     find_mag_problem,
@@ -40,7 +41,6 @@ from fg_nav.samples.plausibility import (
     measure_gravity_transport,
     median_period_s,
 )
-from fg_nav.samples.stamps import LOST_PERIODS
 
 # MetaWear
 
