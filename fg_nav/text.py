@@ -9,7 +9,6 @@ import math
 import typing
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
-from importlib import metadata
 from pathlib import Path
 from reprlib import repr as shorten
 from types import NoneType, UnionType
@@ -171,6 +170,8 @@ def read_small(path: Path) -> bytes:
 
 def find_version() -> str:
     """Version of the installed distribution, or words that say there is none."""
+    from importlib import metadata  # slow to load, and the help has no version
+
     try:
         return metadata.version("fg-nav")
     except metadata.PackageNotFoundError:

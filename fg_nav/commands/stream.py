@@ -219,7 +219,7 @@ def find_end(walk: FollowedWalk, polish: bool) -> End:
             solution = finish_walk(navigator, polish, report, prepared.stances)
             outcome = evaluate_solution(prepared, note_losses(solution, sensor, navigator))
         solution, summary = outcome.solution, summarize(prepared, outcome)
-        write = partial(write_run, walk=prepared, outcome=outcome)
+        write = partial(write_run, walk=prepared, outcome=outcome, summary=summary)
     verdict = Verdict(cast("Word", summary["verdict"]), tuple(cast("list[str]", summary["reasons"])))
     ends = [(SMOOTHED, solution, verdict)]
     if solution.polished is not None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from fg_nav.factors.rotation import relative_rotations
@@ -18,7 +16,6 @@ def follow_pocket(
     recording: Recording,
     parameters: PocketSmootherParameters = PocketSmootherParameters(),
     start: PocketStart | None = None,
-    progress: Callable[[float], None] | None = None,
 ) -> PocketTrack:
     """Estimates of `OnlinePocket` at each sample of a recording: each uses the data until then.
 
@@ -42,8 +39,6 @@ def follow_pocket(
         P.append(window.smoothed.P[-1, :6, :6])
         new = slice(-(last - first) - 1, -1)
         nis.append(np.stack([window.smoothed.swing_nis[new], window.smoothed.field_nis[new]], axis=1))
-        if progress is not None:
-            progress(last / len(links.h))
     at = node[np.append(0, ends)]
     R[0] = start.nav_R_body
     swing, field = np.concatenate(nis).T

@@ -33,11 +33,10 @@ from fg_nav.magnetic.detectors import DISTURBED, QUASI_STATIC
 from fg_nav.samples.gaps import find_holes
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
-from fg_nav.walk import Options, Outcome
+from fg_nav.walk import Options, Outcome, Walk
 
 if TYPE_CHECKING:
     from fg_nav.both_feet import FeetResult
-    from fg_nav.walk import Walk
 
 Trace: TypeAlias = dict[str, Any]  # One line, band or set of dots.
 Digits: TypeAlias = tuple[int | None, int | None]  # Decimals of x and y; None for significant digits.

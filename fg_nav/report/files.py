@@ -25,12 +25,11 @@ from fg_nav.report import Plots
 from fg_nav.report.folder import result_folder
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.text import find_version, to_json
-from fg_nav.verdict import judge_footfalls, judge_path
-from fg_nav.walk import Outcome
+from fg_nav.verdict import Verdict, judge_footfalls, judge_path
+from fg_nav.walk import Outcome, Walk
 
 if TYPE_CHECKING:
     from fg_nav.both_feet import FeetResult
-    from fg_nav.walk import Walk
 
 Summary: TypeAlias = dict[str, object]  # Figures of merit, ready for JSON; None where unknown.
 
@@ -60,9 +59,12 @@ _OPTIONS = {"--out": "path", "--force": "force=True", "--origin 48.137,11.575": 
 # --- writing ---------------------------------------------------------------------------------------------------------
 
 
-def write_run(folder: Path, walk: Walk, outcome: Outcome, plots: Plots = "html") -> Summary:
+def write_run(
+    folder: Path, walk: Walk, outcome: Outcome, plots: Plots = "html", summary: Summary | None = None
+) -> Summary:
     """Write the result of one method into an existing folder, with page and pictures; return the summary."""
-    name, summary, config = outcome.solution.method, summarize(walk, outcome), describe_run(walk, outcome.solution)
+    summary = summarize(walk, outcome) if summary is None else summary
+    name, config = outcome.solution.method, describe_run(walk, outcome.solution)
     _write_files(folder, outcome.solution, summary, config)
     _write_drawings(folder, {name: outcome}, [summary], {name: config}, {name: walk}, plots)
     return summary
@@ -201,7 +203,8 @@ def save_solution(solution: Solution, path: Path, force: bool = False, origin: S
             return path
         with result_folder(path, force) as folder:
             if isinstance(solution, Result):
-                write_run(folder, solution.walk, solution.outcome)
+                summary = summarize(solution.walk, solution.outcome, solution.verdict)
+                write_run(folder, solution.walk, solution.outcome, summary=summary)
             elif is_of_feet(solution):
                 write_feet(folder, solution)
             else:
@@ -238,8 +241,8 @@ def is_of_feet(solution: Solution) -> TypeGuard[FeetResult]:
 # --- summaries -------------------------------------------------------------------------------------------------------
 
 
-def summarize(walk: Walk, outcome: Outcome) -> Summary:
-    """Figures of merit of one method on a walk."""
+def summarize(walk: Walk, outcome: Outcome, verdict: Verdict | None = None) -> Summary:
+    """Figures of merit of one method on a walk; its path is judged, unless the verdict is given."""
     solution, metrics = outcome.solution, outcome.metrics
     figures = _describe_path(solution, metrics, walk.recording.duration_s)
     if solution.distance_sigma_m is not None:
@@ -258,7 +261,7 @@ def summarize(walk: Walk, outcome: Outcome) -> Summary:
         gap = measure_gap(solution, outcome.polished.solution)
         figures["polish_gap_rms_m"], figures["polish_gap_max_m"] = gap.rms_m, gap.max_m
         figures["polish_gap_heading_deg"] = gap.heading_deg
-    verdict = judge_path(walk, solution)
+    verdict = judge_path(walk, solution) if verdict is None else verdict
     figures |= {"verdict": verdict.word, "reasons": list(verdict.reasons)}
     if solution.returns:
         figures["returns"] = [one.describe() for one in solution.returns]
@@ -308,7 +311,7 @@ def summarize_feet(result: FeetResult) -> Summary:
     figures |= {"verdict": verdict.word, "reasons": list(verdict.reasons), "left": None, "right": None}
     fields = dict[str, str]()
     for side, foot in result.feet.items():
-        whole, path = summarize(foot.walk, foot.outcome), foot.walk.recording.provenance.path
+        whole, path = summarize(foot.walk, foot.outcome, foot.verdict), foot.walk.recording.provenance.path
         known = {key: whole[key] for key in FOOT_KEYS if key in whole}
         figures[side], fields[side] = {"recording": _text(path), **known}, str(whole["magnetometer"])
     # the field in words of both feet, or of each where they differ

@@ -114,6 +114,11 @@ class WalkSigns:
         velocity = integrate_strides(acc, gyr, self.recording.periods_s, *strides, attitude, bias, GRAVITY_M_S2)
         return velocity, attitude[: len(velocity), 2]
 
+    @cached_property
+    def left(self) -> Floats:
+        """(K,) m/s, the speed at the end of each stride, where the foot stands."""
+        return np.asarray(np.linalg.norm(self.ends[0], axis=1))
+
 
 # --- signs of samples and stances ------------------------------------------------------------------------------------
 
@@ -155,7 +160,7 @@ def measure_time_without_footfall(observed: WalkSigns) -> Reason | None:
     if len(overdue) != len(observed.strides):
         lost_s += float(swings[overdue].sum())
     elif overdue.any():
-        left = np.linalg.norm(observed.ends[0], axis=1) * np.diff(observed.table.t)
+        left = observed.left * np.diff(observed.table.t)
         overdue &= np.diff(observed.sum_bridged(observed.table.t)) == 0.0
         error = float(np.sqrt(np.sum(left[overdue] ** 2) / 24.0))
     words = f"{lost_s:.1f} s of motion without a footfall are not followed"
@@ -206,7 +211,7 @@ def measure_velocity_closure(observed: WalkSigns) -> Reason:
 
     Half of it is an error of the stride's length.
     """
-    left = np.median(np.linalg.norm(observed.ends[0], axis=1))
+    left = np.median(observed.left)
     share = left / max(np.median(observed.fastest), 1e-3)
     words = (
         f"velocity does not close: {left:.2f} m/s, {100 * share:.0f} % of the swing's, is left where the foot stands"
@@ -216,7 +221,7 @@ def measure_velocity_closure(observed: WalkSigns) -> Reason:
 
 def count_open_strides(observed: WalkSigns) -> Reason:
     """Share of the strides with a residual velocity above `OPEN_SHARE`: there are stances missing in them."""
-    left = np.linalg.norm(observed.ends[0], axis=1) / max(np.median(observed.fastest), 1e-3)
+    left = observed.left / max(np.median(observed.fastest), 1e-3)
     share = float(np.mean(left > OPEN_SHARE))
     words = f"in {100 * share:.0f} % of the strides velocity does not close by a third of the swing's: no stances there"
     return Reason(weigh(share, 0.2, 0.5), words)
@@ -313,7 +318,7 @@ def compare_heights(observed: WalkSigns) -> Reason | None:
     east, north, up = table.position[-1] - table.position[0]
     sigma = float(table.position_sigma[-1, 2])
     apart = abs(up) / sigma if sigma > 0 else 0.0
-    if np.hypot(east, north) > CLOSED_SHARE * observed.lengths.sum() or apart < 3.0:
+    if np.hypot(east, north) > CLOSED_SHARE * observed.way or apart < 3.0:
         return None
     return Reason(LIGHT, f"it ends where it began, but {up:+.1f} m in height, {apart:.0f} of its sigmas")
 

@@ -17,7 +17,7 @@ from fg_nav.ekf.presets import TUNED, check_preset
 from fg_nav.errors import EstimationError
 from fg_nav.estimators import find_method, find_parameters
 from fg_nav.pipeline import run_method
-from fg_nav.text import Changes, Value, change_parameters
+from fg_nav.text import Changes, Scalar, Value, change_parameters
 from fg_nav.walk import Outcome, Walk
 
 _WORD = re.compile(r"[\w.-]+")
@@ -54,7 +54,7 @@ class Method:
         if "preset" not in found.uses and self.preset != TUNED:
             raise EstimationError(f"{self.name} has no presets: leave ':{self.preset}' out.")
         for name, value in self.changes:
-            if not isinstance(value, bool | int | float | str):
+            if not isinstance(value, Scalar):
                 raise EstimationError(f"the parameter '{name}' cannot be {value!r} here: give a number or a word.")
             if isinstance(value, str) and not _WORD.fullmatch(value):
                 raise EstimationError(f"the parameter '{name}' cannot be {value!r}: give one word.")

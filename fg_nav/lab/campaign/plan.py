@@ -27,7 +27,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -334,7 +334,7 @@ def _flatten(table: Mapping[str, Any], where: str) -> dict[str, list[Scalar]]:
     flat: dict[str, list[Scalar]] = {}
     for name, value in _dotted(table):
         values = value if isinstance(value, list) else [value]
-        if not values or not all(type(one) in (bool, int, float, str) for one in values):
+        if not values or not all(type(one) in get_args(Scalar) for one in values):
             raise CampaignError(
                 f"{name} of {where} cannot be {value!r}: give a number, true or false, a word, or a list."
             )
