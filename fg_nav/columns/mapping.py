@@ -99,10 +99,7 @@ class Columns:
     width: int | None = None  # number of fields of a row, where all are listed; else None
 
     def find(self, names: Sequence[str], source: str) -> dict[Quantity, Channel]:
-        """Return the columns by quantity, looked up in the `names` of a table from `source`.
-
-        Raises `FormatError` if one is not there, or two of the names are the same column.
-        """
+        """Return the columns by quantity, looked up in the `names` of a table from `source`."""
         if self.width is not None and self.width != len(names):
             raise FormatError(
                 f"--columns lists {self.width} fields and {source} has {len(names)} columns: list each, with - for one "
@@ -261,8 +258,6 @@ def choose_columns(
     """Return the columns of time, acc, gyr, mag and pressure by name; `sensor` selects, by a part of the name.
 
     Columns `given` by the user prevail; only a missing time is added (not with a rate), or all without acc or gyr.
-
-    Raises `FormatError` if the names of acceleration or rate are missing, or leave a choice.
     """
     known = NONE if given is None else given.find(names, hints.name)
     is_listed = given is not None and given.width is not None

@@ -70,11 +70,9 @@ def list_positions(columns: ColumnMap) -> list[int]:
     return [position for channel in channels if channel is not None for position in channel.positions]
 
 
+@np.errstate(over="ignore", invalid="ignore")  # nonsense numbers are found as such later
 def convert_samples(values: Floats, columns: ColumnMap, rate_hz: float | None, hints: Hints) -> Samples:
-    """Return SI samples from `values` (N, K), the columns in the order of `list_positions`.
-
-    Raises `FormatError` if there is neither time nor rate, or a unit that nothing shows.
-    """
+    """Return SI samples from `values` (N, K), the columns in the order of `list_positions`."""
     notes: list[str] = []
     parts = (columns.time or columns.counter, columns.acc, columns.gyr, columns.mag)
     ends = np.cumsum([len(part.positions) if part else 0 for part in parts])
@@ -119,8 +117,7 @@ def convert_pressure(values: Floats, channel: Channel, notes: list[str]) -> Floa
     """
     units = [channel.unit] if channel.unit else ["Pa", "hPa", "kPa"]
     factors = [find_factor("pressure", unit) or 1.0 for unit in units]
-    with np.errstate(over="ignore", invalid="ignore"):
-        scaled = [plausibility.keep_air(values * factor) for factor in factors]
+    scaled = [plausibility.keep_air(values * factor) for factor in factors]
     counts = [0 if one is None else int(np.isfinite(one).sum()) for one in scaled]
     if max(counts) > 0:
         return scaled[int(np.argmax(counts))]
@@ -134,8 +131,7 @@ def convert_pressure(values: Floats, channel: Channel, notes: list[str]) -> Floa
 
 def _scale(values: Floats, quantity: Quantity, channel: Channel, unit: str, hints: Hints) -> Floats:
     factor = find_scale(quantity, unit, channel.names[0], hints.name)
-    with np.errstate(over="ignore", invalid="ignore"):  # nonsense numbers are found as such later
-        return np.ascontiguousarray(values * factor)
+    return np.ascontiguousarray(values * factor)
 
 
 def _make_time(
@@ -347,10 +343,7 @@ def _read_units(units: Units) -> dict[Quantity, str]:
 
 
 def to_floats(column: np.ndarray[Any, Any], name: str, source: str) -> Floats:
-    """Return a column as floats, instants as seconds since 1970; what is empty is NaN.
-
-    Raises `FormatError` with the row of what is no number.
-    """
+    """Return a column as floats, instants as seconds since 1970; what is empty is NaN."""
     if column.dtype.kind == "M":
         seconds = column.astype("datetime64[ns]").astype(np.int64) * 1e-9
         return np.where(np.isnat(column), np.nan, seconds)

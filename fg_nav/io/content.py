@@ -115,10 +115,7 @@ class Content:
 
 
 def read_content(path: Path) -> Content:
-    """Return the content of a path: lines of a text, head of a binary file, members of a folder or archive.
-
-    Raises `FormatError` if there is nothing to read, or it is empty, damaged where packed, or too large.
-    """
+    """Return the content of a path: lines of a text, head of a binary file, members of a folder or archive."""
     path = path.resolve() if path.name in ("", "..") else path
     if os.path.isdir(path):
         with _explain_file(path):
@@ -305,10 +302,7 @@ def explain_library(
 def choose_sensor(
     names: Sequence[str], asked: str | None, path: Path, what: str = "sensors", before: str = "`--sensor "
 ) -> str:
-    """Return the only name, or the only one that contains `asked`; `before` is the option quoted in an error.
-
-    Raises `FormatError` if there is none, several and none is asked for, or what is asked for is not one of them.
-    """
+    """Return the only name, or the only one that contains `asked`; `before` is the option quoted in an error."""
     if not names:
         raise FormatError(f"{path.name} holds no {what} of this format: export it again.")
     if asked is None:

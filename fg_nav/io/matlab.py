@@ -56,10 +56,7 @@ def list_names(data: bytes, source: str) -> frozenset[str]:
 
 
 def load_arrays(data: bytes, source: str) -> Variables:
-    """Return the real arrays in the bytes of the file `source` by name, in their stored type; None for others.
-
-    Raises `FormatError` if the file is damaged, or of version 7.3.
-    """
+    """Return the real arrays in the bytes of the file `source` by name, in their stored type; None for others."""
     arrays = dict[str, NDArray[Any] | None]()
     with _explain_damage(source):
         order = _read_order(data, source)
@@ -143,10 +140,7 @@ def _open_variable(data: memoryview, order: str) -> tuple[str, bool, list[int], 
 
 
 def mat_array(variables: Variables, name: str, path: Path, columns: int | None = None) -> Floats:
-    """Return the variable `name` as floats: (M, columns), or (M,) without `columns`.
-
-    Raises `FormatError` if the variable is missing, not real numbers, or of another shape.
-    """
+    """Return the variable `name` as floats: (M, columns), or (M,) without `columns`."""
     value = variables.get(name)
     if value is None:
         raise FormatError(f"{path.name} holds no variable '{name}' of real numbers: export it again with '{name}'.")

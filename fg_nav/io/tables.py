@@ -98,17 +98,11 @@ class TextTable:
         }  # fmt: skip
 
     def read_columns(self, names: Sequence[str]) -> tuple[Floats, Ints]:
-        """Read columns of numbers (N, K) by name and the line (N,) of each row.
-
-        Raises `FormatError` if a column is missing or doubled, or as `read_numbers`.
-        """
+        """Read columns of numbers (N, K) by name and the line (N,) of each row."""
         return self.read_numbers([find_column(name, self.names, self.content.path) for name in names])
 
     def read_numbers(self, positions: Sequence[int]) -> tuple[Floats, Ints]:
-        """Read columns of numbers (N, K) and the line (N,) of each row.
-
-        Raises `FormatError` if a field is no number, a row has too many fields, or there is no row.
-        """
+        """Read columns of numbers (N, K) and the line (N,) of each row."""
         # One column more than the header has: a separator may end each row, and a field too many shows.
         wanted, name = [*positions, len(self.names)], self.content.path.name
         blocks = list[Floats]()
@@ -230,12 +224,6 @@ def find_column(name: str, header: Sequence[str], path: Path) -> int:
     if count > 1:
         raise FormatError(f"{path.name} has {count} columns '{name}': keep one of them.")
     return list(header).index(name)
-
-
-def scale_values(values: Floats, unit: Floats | float) -> Floats:
-    """Multiply by a unit. A nonsense number may become infinite, and is found as such later."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return np.asarray(values * unit)
 
 
 @dataclass(frozen=True)
@@ -495,10 +483,7 @@ def _open_hdf5(content: Content) -> ArrayTable:
 
 
 def open_arrays(arrays: Arrays, source: str) -> ArrayTable:
-    """Open arrays (N,), (N, 3), (N, 6) or (N, 9) by name as a table; those of other lengths and kinds are left out.
-
-    Raises `FormatError` if there is none.
-    """
+    """Open arrays (N,), (N, 3), (N, 6) or (N, 9) by name as a table; those of other lengths and kinds are left out."""
     lengths = [len(array) for array in arrays.values() if array.ndim in (1, 2) and array.size]
     length = max(set(lengths), key=lengths.count) if lengths else 0
     names, columns = list[str](), list[np.ndarray[Any, Any]]()

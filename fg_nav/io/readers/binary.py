@@ -35,7 +35,6 @@ from fg_nav.io.beside import pack_footprints, pack_true_path
 from fg_nav.io.content import Content, choose_sensor, explain_library
 from fg_nav.io.matlab import Variables, mat_array
 from fg_nav.io.streams import Stream, drop_held, join_streams
-from fg_nav.io.tables import scale_values
 from fg_nav.recording import Provenance, RawRecording
 from fg_nav.samples.plausibility import find_mag_problem, measure_field_strength
 from fg_nav.truth import Truth
@@ -170,7 +169,7 @@ def read_bag(content: Content) -> RawRecording:
         scale, words = _judge_field(field.values, magnetic)
         notes.append(words)
         if scale:
-            streams.append(Stream("mag", field.t, scale_values(field.values, scale), field.row, magnetic))
+            streams.append(Stream("mag", field.t, field.values * scale, field.row, magnetic))
     return join_streams(streams, path, "ros", notes)
 
 

@@ -38,7 +38,7 @@ from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io.content import Content, split_fields, split_lines
 from fg_nav.io.streams import NAMES, UNCALIBRATED_FIELD, Sensor, Stream, interpolate_rows, join_streams, keep_changes
-from fg_nav.io.tables import TextTable, find_header, guess_separator, has_rows, scale_values
+from fg_nav.io.tables import TextTable, find_header, guess_separator, has_rows
 from fg_nav.recording import NOMINAL_SIGMA, RawRecording, note_nominal_rate
 from fg_nav.samples.plausibility import measure_rest_acc
 from fg_nav.text import format_count
@@ -85,7 +85,6 @@ class TableFormat:
         is_below = bool(re.match(self.top, first, re.IGNORECASE))
         return is_below and (bool(self.top) or find_header(content, self.is_header) is not None)
 
-    @np.errstate(over="ignore", invalid="ignore")  # of numbers that a damaged file may hold
     def read(self, content: Content) -> RawRecording:
         """Read a recording."""
         path, notes = content.path, list[str]()
@@ -127,7 +126,7 @@ class TableFormat:
         if nominal_s is None:
             stamps = table.read_integers(names[0], row) if self.is_epoch else None
             t = values[:, 0] * self.tick_s if stamps is None else stamps * 1_000_000
-        stream = Stream(source.what, t, scale_values(xyz, source.unit), row, table.names[wanted[0]])
+        stream = Stream(source.what, t, xyz * source.unit, row, table.names[wanted[0]])
         if self.keeps:
             return keep_changes(stream)
         return stream.take(np.concatenate(([True], np.diff(t) != 0)))  # rows repeat a sample until there is a new one
@@ -224,7 +223,6 @@ def _find_phyphox_header(file: Content) -> TextTable | None:
     return header if header is not None and header.line == 0 else None
 
 
-@np.errstate(over="ignore", invalid="ignore")  # of numbers that a damaged file may hold
 def read_phyphox(content: Content) -> RawRecording:
     """Read an experiment."""
     notes = list[str]()
@@ -268,7 +266,7 @@ def _read_phyphox_table(file: Content) -> Iterator[Stream]:
             factors = [find_scale("time", clock[1] if clock else "s", table.names[0], file.path.name)]
             factors += [find_scale(sensor, unit, name, file.path.name) for name, unit in own]
             values, row = table.read_columns([table.names[0], *(name for name, _ in own)])
-            values = scale_values(values, np.array(factors))
+            values *= np.array(factors)
             yield Stream(sensor, values[:, 0], values[:, 1:], row, file.path.name)
 
 
@@ -330,7 +328,6 @@ def find_tables(content: Content) -> dict[str, TextTable]:
     return found
 
 
-@np.errstate(over="ignore", invalid="ignore")  # of numbers that a damaged file may hold
 def read_sensor_logger(content: Content) -> RawRecording:
     """Read a recording."""
     path, notes = content.path, list[str]()
@@ -396,7 +393,7 @@ def _find_force(
         return replace(linear, xyz=sign * whole)
     if raw is not None and in_g:
         notes.append("specific force is -9.80665 * AccelerometerUncalibrated" + turned)
-        return replace(raw, xyz=scale_values(raw.xyz, -GRAVITY_M_S2))
+        return replace(raw, xyz=-GRAVITY_M_S2 * raw.xyz)
     if raw is not None:
         notes.append("specific force is AccelerometerUncalibrated")
     return raw
@@ -420,7 +417,6 @@ def is_gnss_logger(content: Content) -> bool:
     return named or (first.startswith(_PREFIXES) and first.count(",") >= 5)
 
 
-@np.errstate(over="ignore", invalid="ignore")  # of numbers that a damaged file may hold
 def read_gnss_logger(content: Content) -> RawRecording:
     """Read the inertial sensors and the magnetometer of a log; a record that is not whole is no sample."""
     lines, streams, notes = split_lines(content.read_text()), list[Stream](), list[str]()

@@ -96,10 +96,7 @@ def read(content: Content, format: str = "table") -> RawRecording:
 
 
 def choose(content: Content, table: Table) -> ColumnMap:
-    """Choose the columns of a table by their names, or as the user maps them.
-
-    Raises `FormatError` if one is missing, or there is a choice.
-    """
+    """Choose the columns of a table by their names, or as the user maps them."""
     hints = make_hints(content)
     if not table.has_header and content.columns is None:
         raise hints.ask(f" has {len(table.names)} columns and no header: say which is what by number from 1", OPEN)

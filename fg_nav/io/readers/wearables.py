@@ -31,7 +31,7 @@ from fg_nav.io.content import Content, choose_sensor, split_fields
 from fg_nav.io.readers import table
 from fg_nav.io.readers.known_tables import LOCAL_FIELD, Axes, pack_samples, read_sensors
 from fg_nav.io.streams import NAMES, Sensor, Stream, continue_counter, join_streams
-from fg_nav.io.tables import TextTable, find_header, scale_values
+from fg_nav.io.tables import TextTable, find_header
 from fg_nav.recording import RawRecording
 from fg_nav.samples.gaps import LOST_PERIODS
 from fg_nav.samples.plausibility import (
@@ -86,7 +86,7 @@ def read_metawear(content: Content) -> RawRecording:
             raise FormatError(f"{file.path.name} has no row with both clocks: export it again.")
         elapsed = np.rint(values[:, 1] * 1e9 - values[0, 1] * 1e9).astype(np.int64)
         t = np.rint(values[0, 0] * 1e6).astype(np.int64) + elapsed
-        streams.append(Stream(what, t, scale_values(values[:, 2:], factor), row, file.path.name))
+        streams.append(Stream(what, t, values[:, 2:] * factor, row, file.path.name))
     notes = [f"the session is '{chosen}'"] if len(sessions) > 1 else []
     streams.sort(key=lambda stream: list(NAMES).index(stream.what))
     return join_streams(streams, content.path, "metawear", notes, is_part=not content.members)
@@ -158,7 +158,7 @@ def _read_blocks(blocks: list[dict[str, Any]], what: Sensor, name: str) -> Strea
     step[~((step > 0) & (step < LOST_PERIODS * usual))] = usual
     within = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
     t = np.repeat(stamps, sizes) + within * np.repeat(step, sizes)
-    return Stream(what, t, scale_values(np.concatenate(parts), unit), np.arange(1, len(t) + 1), array)
+    return Stream(what, t, np.concatenate(parts) * unit, np.arange(1, len(t) + 1), array)
 
 
 # x-io
@@ -248,10 +248,10 @@ def _divide_by_period(samples: dict[Sensor, Floats], sensors: Mapping[Sensor, Ax
     """Make force and rate of changes over each sample, in place; return notes."""
     per_s, remarks = 1.0 / median_period_s(t), []
     if sensors["acc"].names != _ACC:
-        samples["acc"] = scale_values(samples["acc"], per_s)
+        samples["acc"] *= per_s
         remarks.append("the specific force is from the changes of velocity over each sample")
     if sensors["gyr"].names != _GYR:
-        samples["gyr"] = scale_values(_find_turns(samples["gyr"], False), per_s)
+        samples["gyr"] = _find_turns(samples["gyr"], False) * per_s
         remarks.append("the rate of turn is from the turns over each sample")
     return remarks
 
@@ -260,8 +260,7 @@ def _find_turns(wxyz: Floats, is_attitude: bool) -> Floats:
     """Rotation vectors (N, 3) rad from sample to sample, of turns (N, 4) or of attitudes; NaN where there is none."""
     from scipy.spatial.transform import Rotation  # slow to load
 
-    with np.errstate(over="ignore", invalid="ignore"):
-        known = np.abs(np.linalg.norm(wxyz, axis=1) - 1.0) < 0.01
+    known = np.abs(np.linalg.norm(wxyz, axis=1) - 1.0) < 0.01
     rotation = Rotation.from_quat(np.where(known[:, None], wxyz, [1.0, 0.0, 0.0, 0.0]), scalar_first=True)
     if is_attitude:
         rotation = Rotation.concatenate([rotation[:1], rotation[:-1].inv() * rotation[1:]])
@@ -369,7 +368,7 @@ def read_dot(content: Content) -> RawRecording:
     if sensors["gyr"].names == _GYR:
         turns = _find_turns(values[:, 1:], turned == _ATTITUDE) if turned else None
         scale, judged = _judge_rate_unit(t, samples["acc"], samples["gyr"], turns, content)
-        samples["gyr"] = scale_values(samples["gyr"], scale)
+        samples["gyr"] *= scale
     return pack_samples(content, "xsens-dot", t, samples, sensors, row, [*remarks, *done, *judged])
 
 
@@ -402,7 +401,7 @@ def _judge_rate_unit(
 
 def _compare_turns(t: Floats, gyr: Floats, turned: Floats) -> float | None:
     """Return the scale of the rate by turns (N, 3) against the gyroscope (least squares); None if unclear."""
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+    with np.errstate(divide="ignore"):
         rate = turned / np.diff(t, prepend=np.nan)[:, None]
     usable = np.isfinite(rate).all(axis=1) & (np.abs(gyr) < 1e5).all(axis=1)
     rate, gyr = rate[usable], gyr[usable]
