@@ -216,11 +216,7 @@ def read_header(name: str) -> Meaning | None:
 
 
 def _find_kind_of_unit(words: list[str], axis: str, quantity: Quantity | None, in_brackets: bool) -> Kind | None:
-    """Return the kind of a column by the quantity of its unit, where the name has none.
-
-    None where a word of the name is against it, a sensor's column has no axis or a clock one, or the unit is not in
-    brackets, which that of a rate need not be.
-    """
+    """Return the kind of a column by the quantity of its unit, where the name has none and no word of it is against."""
     against = _NOTHING - {"velocity"} if quantity == "gyr" else _NOTHING  # an angular velocity is a rate
     if quantity is None or not (in_brackets or quantity == "gyr") or not against.isdisjoint(words):
         return None

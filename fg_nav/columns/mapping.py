@@ -3,12 +3,8 @@
     time=ts[ms],acc=ax:ay:az[g],gyr=gx:gy:gz[deg/s],mag=mx:my:mz[G]     columns by name, or by number from 1
     t,ax,ay,az,gx,gy,gz                                                 all fields in order, - for one not used
 
-A unit in brackets is of all columns of its quantity; with the list, units stand in a list of their own. Without a unit
-counts that of the column's name, if it has one.
-
-What a mapping leaves out, or all without one, is what the names say (`fg_nav.columns.headers`). The three axes of a
-sensor share the words of their names. One accelerometer, one gyroscope and at most one magnetometer are taken; where
-the names leave a choice, it is the user's. The ranks of several are in docs/formats.md.
+What a mapping leaves out, or all without one, is what the names say (`fg_nav.columns.headers`). One accelerometer, one
+gyroscope and at most one magnetometer are taken; where the names leave a choice, it is the user's (docs/formats.md).
 """
 
 from __future__ import annotations
@@ -51,7 +47,6 @@ SHORT = dict(zip(("t", "ax", "ay", "az", "gx", "gy", "gz", "mx", "my", "mz", "p"
 
 PASSED_OVER = "-"  # In place of the name of a column that is not used.
 
-OPEN = "time=NAME[UNIT],acc=NAME:NAME:NAME[UNIT],gyr=NAME:NAME:NAME[UNIT]"  # For the user to fill in.
 EXAMPLE = "time=t[ms],acc=ax:ay:az[g],gyr=gx:gy:gz[deg/s]"
 
 _PART = re.compile(r"(?:^|,)\s*(time|acc|gyr|mag|pressure)\s*=", re.IGNORECASE)

@@ -1,11 +1,7 @@
-"""Columns of numbers become samples in SI; what their names do not say is judged by physics, and said.
+"""Columns of numbers become samples in SI; what their names do not say is judged by physics (docs/formats.md).
 
-What judges each unit is in docs/formats.md. Stamps too coarse for the rate are spread over the rows that share them.
-Without stamps a counter, or else the rows, give the time by the rate that the user says.
-
-Arrays and data frames of the user's own are converted by the same words as a file's columns. Units are a list,
-`"ms, g, deg/s"`, of which each says its quantity, or by quantity, `{"acc": "g"}`. Arrays without one are in s, m/s^2,
-rad/s and uT; of a data frame counts what the names of its columns say, and what they do not say is judged.
+Units of the user's own arrays and data frames are a list, `"ms, g, deg/s"`, of which each says its quantity, or by
+quantity, `{"acc": "g"}`. Arrays without one are in s, m/s^2, rad/s and uT.
 """
 
 from __future__ import annotations
@@ -285,20 +281,27 @@ def convert_arrays(t: ArrayLike, acc: ArrayLike, gyr: ArrayLike, mag: ArrayLike 
     stamps = to_floats(np.asarray(t), "t", "the arrays")
     if np.asarray(t).dtype.kind == "M":
         words["time"] = "s"
-    values = [stamps.reshape(-1, 1) if stamps.ndim == 1 else stamps]
-    for name, vectors in (("acc", acc), ("gyr", gyr), ("mag", mag)):
-        if vectors is not None or name != "mag":
-            values.append(to_floats(np.asarray(vectors), name, "the arrays"))
-            if values[-1].shape != (len(stamps), 3):
-                raise RecordingError(
-                    f"{name} has shape {values[-1].shape}, not ({len(stamps)}, 3): give one row a stamp."
-                )
-    if stamps.ndim != 1:
-        raise RecordingError(f"t has shape {stamps.shape}, not (N,): give one stamp a sample.")
+    force, rate = (to_floats(np.asarray(one), name, "the arrays") for name, one in (("acc", acc), ("gyr", gyr)))
+    field = None if mag is None else to_floats(np.asarray(mag), "mag", "the arrays")
+    check_shapes(stamps, force, rate, field)
+    values = [stamps[:, None], force, rate, *([] if field is None else [field])]
     places: dict[Quantity, tuple[int, ...]] = {"time": (0,), "acc": (1, 2, 3), "gyr": (4, 5, 6), "mag": (7, 8, 9)}
     channels = [Channel(at, (name,), words[name]) for name, at in places.items()]
     columns = ColumnMap(channels[1], channels[2], None if mag is None else channels[3], channels[0])
     return convert_samples(np.concatenate(values, axis=1), columns, None, _ARRAYS)
+
+
+def check_shapes(
+    t: Floats, acc: Floats, gyr: Floats, mag: Floats | None = None, pressure: Floats | None = None
+) -> None:
+    """Raise `RecordingError` where there is not one stamp, and one row of each sensor, a sample."""
+    if t.ndim != 1:
+        raise RecordingError(f"t has shape {t.shape}, not (N,): give one stamp a sample.")
+    for name, value in (("acc", acc), ("gyr", gyr), ("mag", mag)):
+        if value is not None and value.shape != (len(t), 3):
+            raise RecordingError(f"{name} has shape {value.shape}, not ({len(t)}, 3): give one row a stamp.")
+    if pressure is not None and pressure.shape != t.shape:
+        raise RecordingError(f"pressure has shape {pressure.shape}, not ({len(t)},): give one a stamp, NaN for none.")
 
 
 def convert_frame(frame: pd.DataFrame, columns: ColumnNames, units: Units, rate_hz: float | None) -> Samples:

@@ -1,10 +1,7 @@
 """Measurements in files beside a recording: truth, position fixes, satellite fixes, air pressure (docs/formats.md).
 
-A receiver's origin is its first fix whose accuracy is no worse than twice the median.
-
-The stamps of a barometer are in the recording's clock. Their unit, where the name has none, and which of several
-columns of time, are those that make both run at the same time. A reading is put at the row of the recording that is
-nearest in time, and of several at one row the nearest: rows without one are NaN.
+Of several columns of time of a barometer, and of units where the name has none, those count that make it and the
+recording run at the same time.
 """
 
 from __future__ import annotations

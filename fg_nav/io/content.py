@@ -146,23 +146,18 @@ def read_content(path: Path) -> Content:
 
 def _open_file(path: Path, opener: Opener | None, has_others: bool = False) -> Content:
     """Content of a text or binary file. A byte that is no UTF-8 (a degree or micro sign, mostly) is Latin-1."""
-    head = _read_bytes(path, opener, _HEAD_BYTES)
-    if head.startswith(_GZIP):
-        packed, opener = Content(path, head=head, opener=opener), partial(_unpack, opener or _open_plain(path))
-        try:
-            head = _read_bytes(path, opener, _HEAD_BYTES)
-        except FormatError:
-            if has_others:  # it may be none that is needed
-                return packed
-            raise
-    content = Content(path, head=head, opener=opener)
-    if head.startswith(_MAT):
-        try:
-            return replace(content, variables=matlab.list_names(content.read_bytes(), path.name))
-        except FormatError:
-            if has_others:
-                return content
-            raise
+    content = Content(path, head=_read_bytes(path, opener, _HEAD_BYTES), opener=opener)
+    try:
+        if content.head.startswith(_GZIP):
+            opener = partial(_unpack, opener or _open_plain(path))
+            content = Content(path, head=_read_bytes(path, opener, _HEAD_BYTES), opener=opener)
+        if content.head.startswith(_MAT):
+            return replace(content, variables=frozenset(content.load_variables()))
+    except FormatError:
+        if has_others:  # it may be none that is needed
+            return content
+        raise
+    head = content.head
     is_utf32 = head.startswith((codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE))  # which is not read
     encoding = "utf-16" if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) and not is_utf32 else "utf-8"
     if encoding == "utf-16":

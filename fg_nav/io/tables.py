@@ -1,16 +1,13 @@
 """Tables in files of any kind (docs/formats.md): the names of their columns, and columns as floats at C speed.
 
 Of a text with a known header (`find_header`) a line `sep=;` names the separator, as spreadsheets have it; else it is
-the character of tab, semicolon and comma that is most often in the header, or a blank. Numbers have a decimal comma
-where that separates no fields and commas are more than points among the digits of the next lines.
+the character of tab, semicolon and comma that is most often in the header, or a blank.
 
 Of any other text (`open_table`) the first long run of lines with as many numbers each is the data; separator and
 decimal sign are those by which most of its fields are numbers. What stands right above it with as many fields is the
-header, in one or more rows, which may be a comment; of these a row of units goes into brackets behind the names.
+header, in one or more rows.
 
-Arrays are a column each, or (N, 3) for all axes of one quantity; (N, 6) or (N, 9) whose name has `imu` in it: force,
-rate and field. Lines are counted from 1 as in an editor. Empty fields are NaN; wholly empty lines are left out. What
-does not parse is named by line and column.
+Lines are counted from 1 as in an editor. Empty fields are NaN; wholly empty lines are left out.
 """
 
 from __future__ import annotations

@@ -1,13 +1,11 @@
 """One table of all sensors on one clock: columns, clock and unit of each sensor as its maker writes them.
 
 SensorConnect (LORD/MicroStrain) names channels behind the sensor, `inertial-6253.76535:scaledAccelX`; those of a
-filter in the sensor have `:valid` behind them; rows of other packets, without acc and gyr, are left out. OpenShoe has
-17 columns by blanks without a header. YEI's log names the columns in a comment; `Corrected` goes before `Raw`. APDM
-exports all Opals of a session: *format 7* has three header rows, `Format=7,5718,,,Lumbar,...` with number and name of
-each sensor above its columns, `Time,Accelerometer,,,...` and the axes; the other has keys, then
-`Time,Lumbar/Acceleration/X,...`, then a row of units. Consensys of Shimmer has a row of names,
-`Shimmer_40AC_Accel_LN_X_CAL`, and one of units, perhaps below `"sep=;"`; `LN` is of low noise and in the gyroscope's
-frame, `WR` of wide range and another chip.
+filter in the sensor have `:valid` behind them. APDM exports all Opals of a session: *format 7* has three header rows,
+`Format=7,5718,,,Lumbar,...` with number and name of each sensor above its columns, `Time,Accelerometer,,,...` and the
+axes; the other has keys, then `Time,Lumbar/Acceleration/X,...`, then a row of units. Consensys of Shimmer has a row of
+names, `Shimmer_40AC_Accel_LN_X_CAL`, and one of units; `LN` is of low noise and in the gyroscope's frame, `WR` of wide
+range and another chip.
 
 In units of the local field one is taken for that of most of Europe and North America: a path uses the direction and its
 changes, not the strength.

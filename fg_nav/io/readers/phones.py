@@ -2,23 +2,17 @@
 
 Of one table of all sensors (`TableFormat`) names are compared without their units, which are those of the app.
 SensorLog has **Apple's sign** and a clock for each sensor; `motion...` is without bias, and the field 0 until it is
-calibrated. AndroSensor has a row at a chosen rate; 2 Hz, as proposed, is too low. Physics Toolbox has a row whenever
-any sensor has a sample, in which the others hold their last one. HyperIMU names columns after the phone's chips.
+calibrated. Physics Toolbox has a row whenever any sensor has a sample, in which the others hold their last one.
 
-phyphox (RWTH Aachen): each sensor has its own `Time (s)` since the start of the experiment, up is + on iPhones too. In
-the newer header, `X (m/s^2)`, the unit says the sensor, and the name of the file "Linear". `meta/device.csv` and
-`meta/time.csv` say phone and app, and when the experiment was started and paused. Pauses are left out of the time of
-the experiment: here they are put back, as gaps.
+phyphox (RWTH Aachen): up is + on iPhones too. In the newer header, `X (m/s^2)`, the unit says the sensor, and the name
+of the file "Linear". Pauses are left out of the time of the experiment: here they are put back, as gaps.
 
-Sensor Logger (Kelvin Choi), `time,seconds_elapsed,z,y,x`, in whole ns since 1970. On Android, or standardised,
-`TotalAcceleration` is the specific force, m/s^2, `Accelerometer` and `Gravity` are its two parts, and
-`AccelerometerUncalibrated` is that too. An iPhone has no total, the two parts with the sign turned, and the
-uncalibrated one in g with the sign turned. `Metadata.csv` names the platform and whether units and signs were
-standardised. Where it is absent, an uncalibrated accelerometer that reads 1 at rest is that of an iPhone. Source:
-UNITS.md, COORDINATES.md, CROSSPLATFORM.md of tszheichoi/awesome-sensor-logger.
+Sensor Logger (Kelvin Choi), in whole ns since 1970. On Android, or standardised, `TotalAcceleration` is the specific
+force, m/s^2, `Accelerometer` and `Gravity` are its two parts, and `AccelerometerUncalibrated` is that too. An iPhone
+has no total, the two parts with the sign turned, and the uncalibrated one in g with the sign turned. Source: UNITS.md,
+COORDINATES.md, CROSSPLATFORM.md of tszheichoi/awesome-sensor-logger.
 
-Google's GnssLogger: records in lines that begin with their kind, below a header in lines with `#`. `UncalAccel`, utc in
-ms, elapsed since the phone's start in ns, x, y, z, and the bias in it, which is subtracted; `Accel` is without it.
+Google's GnssLogger: records in lines that begin with their kind; of `UncalAccel` the bias in it is subtracted.
 """
 
 from __future__ import annotations
@@ -344,12 +338,9 @@ def read_sensor_logger(content: Content) -> RawRecording:
         is_air = _WHAT[name] == "pressure"
         values, row = table.read_columns(["time", *(["pressure"] if is_air else "xyz")])
         stamps = table.read_integers("time", row)
-        if stamps is None:
-            whole = np.abs(values[:, 0]) < 2.0**63
-            values, row = values[whole], row[whole]
-            stamps = np.rint(values[:, 0]).astype(np.int64)
+        t = values[:, 0] * 1e-9 if stamps is None else stamps
         xyz = values[:, 1:] * (_HPA if is_air else 1.0)
-        streams[name] = Stream(_WHAT[name], stamps, xyz, row, table.content.path.name)
+        streams[name] = Stream(_WHAT[name], t, xyz, row, table.content.path.name)
     force = _find_force(streams, metadata, content, notes)
     gyr, mag = streams.get("gyroscope"), streams.get("magnetometer")
     if gyr is None and "gyroscopeuncalibrated" in streams:

@@ -1,16 +1,14 @@
 """Exports of worn sensors: MetaWear, Movesense, x-io and Xsens. Units and clocks: docs/formats.md.
 
-MetaWear, a file a sensor: the clock is the first `epoch (ms)` and `elapsed (s)` since. Only the file's name says that
-an acceleration is linear, or gravity alone: these are left out. What stands in it before the sensor is one a session.
+MetaWear, a file a sensor: only the file's name says that an acceleration is linear, or gravity alone: these are left
+out. What stands in it before the sensor is one a session.
 
 Movesense, `{"Meas": {"IMU9": [{"Timestamp": ..., "ArrayAcc": [{"x": ..., ...}, ...], ...}, ...]}}`: the stamp is of the
-first of the 4 to 16 samples of a block; these are spread evenly up to the stamp of the next one; where blocks are
-missing, they come as in the blocks around. Blocks are taken wherever they stand: apps nest them differently.
+first of the 4 to 16 samples of a block; where blocks are missing, they come as in the blocks around. Blocks are taken
+wherever they stand: apps nest them differently.
 
-Xsens, text of MT Manager and CSV of the DOT's app or PC SDK: `Acc_X` ... and `Gyr_X` ...; or in their place the changes
-of velocity (m/s) and the turns (quaternions) over each sample: over its period these are the mean specific force and
-rate. In MT Manager `SampleTimeFine` begins again after a day. That of a DOT, of 32 bits, is in the unit in which the
-samples come at a rate that a DOT has.
+Xsens, MT Manager and DOT: samples; or in their place the changes of velocity (m/s) and the turns (quaternions) over
+each, which over its period are the mean specific force and rate.
 """
 
 from __future__ import annotations
@@ -226,10 +224,7 @@ _BIAS = 0.3  # A gyroscope that reads more than this at rest reads in deg/s: 17 
 
 
 def _find_columns(header: TextTable, content: Content) -> dict[Sensor, Axes]:
-    """Return the columns of specific force, rate and field; a missing column of a group raises when it is read.
-
-    Force may come as changes of velocity, the rate as turns.
-    """
+    """Return the columns of specific force or changes of velocity, of rate or turns, and of field."""
     acc, gyr = (
         next((group for group in groups if not set(group).isdisjoint(header.names)), ())
         for groups in ((_ACC, *_VELOCITIES), (_GYR, *_TURNS))
