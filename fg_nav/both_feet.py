@@ -195,7 +195,7 @@ class FeetResult(Solution):
 
 
 def _find_truth(feet: Mapping[Side, Result]) -> TrajectoryTruth | None:
-    """Return the mean of both feet's true paths (of one foot, its own); None if one of them has none that was usable."""
+    """Return the mean of both feet's true paths (of one foot, its own); None if one of them has no usable one."""
     truths = [foot.walk.truth for foot in feet.values() if foot.outcome.comparison is not None]
     paths = [truth for truth in truths if isinstance(truth, TrajectoryTruth)]
     if len(paths) < len(feet):

@@ -27,10 +27,7 @@ PLACE_FORM = "latitude,longitude,YYYY-MM-DD"  # How a place and date are written
 
 @dataclass(frozen=True)
 class Place:
-    """Where and when: geodetic degrees, north and east positive, and the day; height in m above the WGS 84 ellipsoid.
-
-    Raises `EarthError` if it is not on the Earth.
-    """
+    """Where and when: degrees north and east (geodetic), the day, and the height in m above the WGS 84 ellipsoid."""
 
     latitude_deg: float
     longitude_deg: float

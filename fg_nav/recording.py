@@ -247,8 +247,6 @@ class Recording:
         """Cut out the samples `start <= i < stop`, as views; truth and provenance stay whole.
 
         Gaps and sub-sample motion are kept as estimated from the whole recording.
-
-        Raises `RecordingError` if too few samples are left.
         """
         part = np.s_[start:stop]
         cut = self.take(part)
@@ -348,7 +346,7 @@ def _note_bad(bad: Bools, sensor: str, t: Floats, row: Ints) -> list[str]:
 
 
 def _move_to_clock(truth: Truth | None, stamped: Floats, t: Floats) -> Truth | None:
-    """Return the truth with its times moved from the clock of the samples, `stamped` (K,) s, to the corrected `t` (K,)."""
+    """Return the truth with its times moved from the `stamped` (K,) s of the samples to the corrected `t` (K,) s."""
     if isinstance(truth, FootprintTruth) and truth.t is not None:
         # where the clock restarted one stamp belongs to two samples
         if (np.diff(truth.t) <= 0).any() or (np.diff(stamped) < 0).any():

@@ -122,8 +122,6 @@ def parse_columns(words: str, units: str | None = None) -> Columns:
 
     >>> parse_columns("acc=2:3:4[g],gyr=5:6:7[deg/s]").units
     {'acc': 'g', 'gyr': 'deg/s'}
-
-    Raises `FormatError` if a quantity is doubled or of another number of columns, or a unit is not known.
     """
     if "=" not in words:
         return _parse_list(words, units)

@@ -273,10 +273,7 @@ _ARRAYS = Hints("the arrays", "units=", "rate_hz=100", "")
 
 
 def convert_arrays(t: ArrayLike, acc: ArrayLike, gyr: ArrayLike, mag: ArrayLike | None, units: Units) -> Samples:
-    """Convert stamps (N,), force, rate and field (N, 3) to SI.
-
-    Raises `FormatError` for a unit that is not known, and `RecordingError` for what are no numbers of that shape.
-    """
+    """Convert stamps (N,), force, rate and field (N, 3) to SI."""
     words = {**SI_UNITS, **_read_units(units)}
     stamps = to_floats(np.asarray(t), "t", "the arrays")
     if np.asarray(t).dtype.kind == "M":
@@ -305,10 +302,7 @@ def check_shapes(
 
 
 def convert_frame(frame: pd.DataFrame, columns: ColumnNames, units: Units, rate_hz: float | None) -> Samples:
-    """Convert the columns of a data frame, by their names or as mapped, to SI.
-
-    Raises `FormatError` if a column or unit is missing and cannot be judged, or a value is no number.
-    """
+    """Convert the columns of a data frame, by their names or as mapped, to SI."""
     if frame.index.name is not None or frame.index.dtype.kind == "M":
         frame = frame.reset_index(names=[frame.index.name or "time"])
     names = [" ".join(map(str, name)) if isinstance(name, tuple) else str(name) for name in frame.columns]
