@@ -163,10 +163,7 @@ class TextTable:
         return np.asarray(words.replace({np.nan: None}), dtype=object)
 
     def read(self, positions: Sequence[int]) -> tuple[Floats, Ints]:
-        """Read columns of numbers, dates and times of day (N, K), the latter in s, and the line (N,) of each row.
-
-        Raises `FormatError` as `read_numbers`.
-        """
+        """Read columns of numbers, dates and times of day (N, K), the latter in s, and the line (N,) of each row."""
         # columns most of whose first fields are dates (True), or times of day
         lines = self.content.lines[self.first_line - 1 :][:_JUDGED]
         rows, clocks = [_split_row(line, self.separator) for line in lines], dict[int, bool]()
@@ -248,8 +245,7 @@ Table: TypeAlias = TextTable | ArrayTable
 def open_table(content: Content, min_numbers: int = MIN_NUMBERS) -> Table | None:
     """Return the content as a table; None if it is none, or text with fewer than `min_numbers` numbers in a row.
 
-    It is opened once, however often it is asked for. Raises `FormatError` if it is one and damaged, or needs a library
-    that is not installed.
+    It is opened once, however often it is asked for.
     """
     first = content.lines[0].lstrip()[:1] if content.lines else ""
     key = min_numbers if content.lines and first not in ("{", "[") else 0

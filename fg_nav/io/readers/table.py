@@ -172,10 +172,7 @@ class SensorTable:
     session: str
 
     def read(self) -> Stream:
-        """Read the table in its unit, of a magnetometer in uT: NaN where its unit is arbitrary.
-
-        Raises `FormatError` if the unit of the clock is not known, or a field is no number.
-        """
+        """Read the table in its unit, of a magnetometer in uT: NaN where its unit is arbitrary."""
         name, unit = self.content.path.name, self.clock.unit
         values, row = self.table.read([*self.clock.positions, *self.axes.positions])
         clock, xyz = np.split(values, [len(self.clock.positions)], axis=1)
