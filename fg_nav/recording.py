@@ -394,6 +394,9 @@ def find_extra_sigmas(recording: Recording, saturated_share: float) -> tuple[Flo
     sensors = (recording.acc, gaps.acc_sigma), (recording.gyr, gaps.gyr_sigma)
     for (samples, unseen), peaks, bridge in zip(sensors, recording.peaks, recording.bridges, strict=True):
         cut = np.flatnonzero(peaks.run.any(axis=1)) if saturated_share > 0 else gaps.sample[:0]
+        if not (len(cut) or len(gaps.sample) or len(bridge.sample)):
+            found.append(np.broadcast_to(0.0, samples.shape))  # takes no memory, and is not to be written to
+            continue
         sigma = np.zeros(samples.shape)
         hidden = saturated_share * np.abs(samples[cut]) * np.sqrt(peaks.run[cut])
         sigma[cut] = np.hypot(peaks.sigma[cut], hidden)
