@@ -329,24 +329,14 @@ class Linearization:
 
 @dataclass(frozen=True)
 class IronFit:
-    """Solution of a walk.
+    """Solution of a walk."""
 
-    Attributes
-    ----------
-    unknowns : (U,) in the order of the model.
-    linearization : about them.
-    prior : (U, U) precision.
-    covariance : (9, 9) of h and the six of S.
-    level_iron, level_covariance : of the horizontal iron at the footfalls, (2,) uT and (2, 2) uT^2: h, and S times the
-        vertical field.
-    """
-
-    unknowns: Floats
-    linearization: Linearization
-    prior: Floats
-    covariance: Floats
-    level_iron: Floats
-    level_covariance: Floats
+    unknowns: Floats  # (U,) in the order of the model.
+    linearization: Linearization  # About them.
+    prior: Floats  # (U, U) precision.
+    covariance: Floats  # (9, 9) of h and the six of S.
+    level_iron: Floats  # (2,) uT, horizontal at the footfalls: h, and S times the vertical field.
+    level_covariance: Floats  # (2, 2) uT^2.
 
     @property
     def S(self) -> Floats:

@@ -1,32 +1,12 @@
 """Footfalls among the moments of stillness: an automatic threshold for each footfall of each recording.
 
-The steps, with their reasons and figures in docs/models.md:
-
-1. Candidates are the local minima of L = log10(SHOE), at least `PROMINENCE` decades deep; a rest is one candidate,
-   from its first sample to its last. Both ends of the recording may cut a slope: they are minima only below `FLOOR`.
-2. A free strapdown pass, both ways from the stillest candidate, gives the velocity V at each candidate, up to a slow
-   drift. A foot in mid-swing moves at metres a second.
-3. The footfalls are the chain of candidates i -> j -> ... with the greatest
-       sum of u_i - c_ij,    u = reward - max(L - L_0, 0),
-       c_ij = 2 log(1 + |V_j - V_i|^2 / (4 s^2)),   s^2 = s_0^2 + (s_a T_ij)^2,
-   found by dynamic programming: still candidates earn, changes of velocity cost. No link is longer than `MAX_LINK_S`,
-   unless nothing is between. A chain may leave out the first or last `MAX_SWING_S` of a recording.
-4. A stance reaches from its minimum as far as L stays below a threshold of its own, `MARGIN` above the minimum
-   but between `FLOOR` and `CEILING`.
-5. Where no footfall was found for longer than a swing lasts, those of a second search, with wider s, are taken.
-6. Where there is still a gap of more than a cycle, it is filled with the stillest moment of each (below).
-7. Of two intervals closer than `MIN_SWING_S`, with the angular rate of a swing between them, only the stiller is a
-   stance. Two rests stay two.
-
-Behind a hole in the samples (`fg_nav.samples.gaps`) all begins anew: no stance and no link reaches over one.
+The steps, 1 to 7, with their reasons and figures are in docs/models.md, "Stances". Two more cases: both ends of the
+recording may cut a slope, and are minima only below `FLOOR`; a chain may leave out the first or last `MAX_SWING_S` of a
+recording, and no link of it is longer than `MAX_LINK_S`, unless nothing is between. Behind a hole in the samples
+(`fg_nav.samples.gaps`) all begins anew: no stance and no link reaches over one.
 
 Levels L are in decades of SHOE at the noise of `fg_nav.detection.stance`: L is reached by an angular rate of 0.2 deg/s,
 or a specific force that is off gravity by 0.02 m/s^2, times 10^(L/2). A sensor at rest has L of about 1.
-
-Cycles of a foot that runs, whose free velocity shows nothing after few strides. In a gap longer than `GAP` T a minimum
-of L is a stance if the autocorrelation of L about it has a period T, if it is the lowest within `SHARE` T to either
-side, and if the foot landed before it. A footfall above `DOUBTFUL_LEVEL` that is not the lowest of its own cycle is a
-mid-swing and is dropped before.
 """
 
 from __future__ import annotations

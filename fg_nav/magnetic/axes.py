@@ -79,25 +79,15 @@ MAX_GAP = 3.0  # Spacings of the readings across which they are interpolated.
 
 @dataclass(frozen=True)
 class TurningPairs:
-    """K pairs of readings while the sensor turns.
+    """K pairs of readings while the sensor turns."""
 
-    Attributes
-    ----------
-    t, gyr : (N,) s and (N, 3) rad/s of the recording.
-    stamps : (K, 2) s, of the two readings.
-    readings : (K, 2, 3) uT.
-    block : (K,) block of the walk that each is in, from 0 on without holes.
-    n_blocks : number of blocks.
-    held : whether the logger repeats readings until there is a new one.
-    """
-
-    t: Floats
-    gyr: Floats
-    stamps: Floats
-    readings: Floats
-    block: Ints
-    n_blocks: int
-    held: bool
+    t: Floats  # (N,) s, of the recording.
+    gyr: Floats  # (N, 3) rad/s.
+    stamps: Floats  # (K, 2) s, of the two readings.
+    readings: Floats  # (K, 2, 3) uT.
+    block: Ints  # (K,) block of the walk that each is in, from 0 on without holes.
+    n_blocks: int  # Number of blocks.
+    held: bool  # Whether the logger repeats readings until there is a new one.
 
     def __len__(self) -> int:
         return len(self.stamps)

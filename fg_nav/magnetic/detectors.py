@@ -163,22 +163,15 @@ class Channel:
 class Detector:
     """A detector of the quasi-static field.
 
-    Attributes
-    ----------
-    name : for people and for `DETECTORS`.
-    channels : at least one.
-    form : how they become one statistic.
-    window : N, changes from footfall to footfall that are tested; for zeros alone, footfalls.
-    fixed_threshold : of the statistic, or None for that of the false-alarm rate.
-    counts_drift : of a heading offset: test against S = P + sigma^2 (a Kalman filter's innovation); False for sigma^2
-        alone, AIEZ (17) as printed, which rejects for ever once the drift exceeds sqrt(threshold) sigma.
+    `counts_drift`: of a heading offset: test against S = P + sigma^2 (a Kalman filter's innovation); False for sigma^2
+    alone, AIEZ (17) as printed, which rejects for ever once the drift exceeds sqrt(threshold) sigma.
     """
 
-    name: str
-    channels: tuple[Channel, ...]
-    form: Form = "chi squared"
-    window: int = 3
-    fixed_threshold: float | None = None
+    name: str  # For people and for `DETECTORS`.
+    channels: tuple[Channel, ...]  # At least one.
+    form: Form = "chi squared"  # How they become one statistic.
+    window: int = 3  # N, changes from footfall to footfall that are tested; for zeros alone, footfalls.
+    fixed_threshold: float | None = None  # Of the statistic, or None for that of the false-alarm rate.
     counts_drift: bool = True
 
     def __post_init__(self) -> None:
@@ -389,20 +382,12 @@ class OverThreshold:
 
 @dataclass(frozen=True)
 class FieldVerdicts(OverThreshold):
-    """Verdicts on the field, one a footfall.
+    """Verdicts on the field, one a footfall."""
 
-    Attributes
-    ----------
-    detector : its name.
-    statistic : (F,) of the detector, over its threshold.
-    threshold : of the statistic, in the detector's own units.
-    reason : (F,) of the verdict, in words.
-    """
-
-    detector: str
-    statistic: Floats
-    threshold: float
-    reason: tuple[str, ...]
+    detector: str  # Its name.
+    statistic: Floats  # (F,) of the detector, over its threshold.
+    threshold: float  # Of the statistic, in the detector's own units.
+    reason: tuple[str, ...]  # (F,) of the verdict, in words.
 
     def __len__(self) -> int:
         return len(self.statistic)

@@ -182,30 +182,23 @@ class PocketState(NamedTuple):
 
 
 class FieldReference(NamedTuple):
-    """The last field that was measured, propagated to now, changed in place.
+    """The last field that was measured, propagated to now, changed in place."""
 
-    `field` (3,) uT; `turn` (3, 3), A, from the body now to the body then; `per_bias` (3, 3) s, S: with a bias higher by
-    db, A is A Exp(S db); `age` (1,) s, NaN where no field was measured yet.
-    """
-
-    field: Floats
-    turn: Floats
-    per_bias: Floats
-    age: Floats
+    field: Floats  # (3,) uT.
+    turn: Floats  # (3, 3), A, from the body now to the body then.
+    per_bias: Floats  # (3, 3) s, S: with a bias higher by db, A is A Exp(S db).
+    age: Floats  # (1,) s; NaN where no field was measured yet.
 
 
 class FilterModel(NamedTuple):
-    """The parameters in SI units, variances in place of sigmas; `earth_rate` (3,) rad/s in nav.
-
-    `gravity_age_s` is half the window over which the specific force is averaged.
-    """
+    """The parameters in SI units, variances in place of sigmas."""
 
     gyr_density: float
     bias_density: float
     bias_decay_per_s: float
-    earth_rate: Floats
+    earth_rate: Floats  # (3,) rad/s in nav.
     acc_variance: float
-    gravity_age_s: float
+    gravity_age_s: float  # Half the window over which the specific force is averaged.
     mag_variance: float
     shortest_s: float
     longest_s: float
@@ -381,18 +374,15 @@ def inject_error(state: PocketState, reference: FieldReference, x: Floats) -> No
 
 
 class FilterInputs(NamedTuple):
-    """Samples for the compiled pass: periods `h` (N,) s, `rate`, `force`, `field` (N, 3), and when to use the latter.
+    """Samples for the compiled pass, and when to use them."""
 
-    `gravity`, `fresh` and `steady` (N,): whether the force is gravity alone, there is a field, and it holds still.
-    """
-
-    h: Floats
-    rate: Floats
-    force: Floats
-    field: Floats
-    gravity: Bools
-    fresh: Bools
-    steady: Bools
+    h: Floats  # (N,) s, periods.
+    rate: Floats  # (N, 3).
+    force: Floats  # (N, 3).
+    field: Floats  # (N, 3).
+    gravity: Bools  # (N,) whether the force is gravity alone,
+    fresh: Bools  # there is a field,
+    steady: Bools  # and it holds still.
 
 
 def estimate_pocket(
