@@ -25,17 +25,12 @@ from fg_nav.system.compiled import njit
 
 
 class Link(NamedTuple):
-    """Noise of the free velocity between two footfalls, and the level of tilt correction on the path.
+    """Noise of the free velocity between two footfalls, and the level of tilt correction on the path."""
 
-    Below `still_level` the tilt is nudged toward the specific force. `velocity_sigma`, s_0 in m/s, is the error of a
-    stance's velocity and of one shock; `acc_sigma`, s_a in m/s^2, that of the acceleration by tilt, bias and scale;
-    `reward` the worth of a perfectly still candidate, in units of log likelihood.
-    """
-
-    still_level: float
-    velocity_sigma: float
-    acc_sigma: float
-    reward: float
+    still_level: float  # Below it the tilt is nudged toward the specific force.
+    velocity_sigma: float  # s_0 in m/s: error of a stance's velocity and of one shock.
+    acc_sigma: float  # s_a in m/s^2, of the acceleration by tilt, bias and scale.
+    reward: float  # Worth of a perfectly still candidate, in units of log likelihood.
 
 
 # From gait, not from single walks: stride counts do not change over wide ranges of these.
@@ -290,12 +285,7 @@ def _grow_and_merge(level: Floats, samples: Ints, threshold: Floats, found: Floa
 
 
 def find_cycle_stances(t: Floats, acc: Floats, level: Floats, minima: Ints, start: Floats, stop: Floats) -> Ints:
-    """Find the stances of a running foot between the intervals `start` to `stop` (K,); return samples from `minima`.
-
-    Parameters
-    ----------
-    t, acc, level : (N,) s, (N, 3) m/s^2 and (N,) decades.
-    """
+    """Find the stances of a running foot between the intervals `start` to `stop` (K,); return samples from `minima`."""
     ends = np.array([0, len(t) - 1])
     before = np.concatenate([ends[:1], np.minimum(stop, ends[1])]).astype(np.int64)
     after = np.concatenate([start, ends[1:]]).astype(np.int64)

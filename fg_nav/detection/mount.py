@@ -34,8 +34,7 @@ force, each sample rotated into the axes at the start of the stride, is gravity,
     L(M)   = median_k (l_k(M) - l_k(I))
 
 Scale and bias of the accelerometer are the same in every stride, and so is the effect of wrong axes on an even gait:
-many strides are one observation, L is their median and does not grow with their number. Wrong axes are accepted where
-the mean force is off by 1.1 m/s^2, and suspected from 0.7 on (docs/pocket.md); which axes are wrong is not reported. A
+many strides are one observation, L is their median and does not grow with their number (limits: docs/pocket.md). A
 stride is the period of the rate about its main axis, by its autocorrelation in windows of `SWINGS_S`.
 """
 

@@ -61,13 +61,7 @@ BLOCK_S: Mapping[Wearing, float] = {"foot": 5.0, "pocket": SWINGS_S + 0.05}  # f
 
 
 class SourceCheck:
-    """Checks the rows of a stream as they come, whatever the blocks.
-
-    Parameters
-    ----------
-    mount : where the sensor should be worn.
-    remark : called with one sentence if two sensors are found later than `REFUSED_S`.
-    """
+    """Checks the rows of a stream as they come, whatever the blocks; after `REFUSED_S` it only remarks."""
 
     def __init__(self, mount: Wearing, remark: Callable[[str], None]) -> None:
         self._mount, self._remark = mount, remark
@@ -152,13 +146,7 @@ def has_two_clocks(t: Floats) -> bool:
 
 
 class AxesCheck:
-    """Checks the axes of the samples of a walk as they come, whatever the blocks, by the `evidence` of its strides.
-
-    Parameters
-    ----------
-    remark : called with one sentence if wrong axes are found later than `REFUSED_S`.
-    mount : where the sensor is worn.
-    """
+    """Checks the axes of samples as they come by the `evidence` of their strides; after `REFUSED_S` it only remarks."""
 
     def __init__(self, remark: Callable[[str], None], mount: Wearing = "foot") -> None:
         is_foot = mount == "foot"

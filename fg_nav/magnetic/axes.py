@@ -40,10 +40,8 @@ residual is linear,
 
     r = dR P y_2 - P y_1 - (dR - I) h',
 
-and h' is solved for each P with robust weights. The loss of each is summed over blocks of the recording; another P than
-the identity is accepted where the loss of the identity is `MIN_RATIO` times as large, and larger by `MIN_SIGMAS` of
-the scatter of that difference over the blocks, each with its own estimate of the delay. Of P and -P the one whose field
-points down where the foot is slow is chosen, as on the northern hemisphere.
+and h' is solved for each P with robust weights. docs/magnetic.md has by which loss another P than the identity is
+accepted (`MIN_RATIO`, `MIN_SIGMAS`), each with its own estimate of the delay, and how P is told from -P.
 """
 
 from __future__ import annotations
@@ -175,14 +173,11 @@ def _rotate(t: Floats, gyr: Floats, between: Floats, first: Ints, rotations: Flo
 
 @dataclass(frozen=True)
 class MagnetometerDelay:
-    """Delay `tau_s` of the magnetometer, negative where it is early, with its `sigma_s`.
-
-    `held` where the logger repeats readings until there is a new one: those between are then interpolated.
-    """
+    """Delay `tau_s` of the magnetometer, negative where it is early, with its `sigma_s`."""
 
     tau_s: float
     sigma_s: float
-    held: bool = False
+    held: bool = False  # Whether the logger repeats readings until there is a new one, and those are interpolated.
 
     @property
     def taken_off(self) -> bool:
@@ -344,15 +339,11 @@ class MagAxes:
 
 @dataclass(frozen=True)
 class AlignedMagnetometer:
-    """A recording with its field in the axes of the gyroscope and at its stamps.
+    """A recording with its field in the axes of the gyroscope and at its stamps."""
 
-    `delay` as estimated, removed if significant; `wrong_axes` those of the magnetometer; None where not observable, or
-    where they are right. With wrong axes that were not given the recording has no magnetometer.
-    """
-
-    recording: Recording
-    delay: MagnetometerDelay | None = None
-    wrong_axes: MagAxes | None = None
+    recording: Recording  # Without a magnetometer where its axes are wrong and were not given.
+    delay: MagnetometerDelay | None = None  # Removed if significant; None where not observable.
+    wrong_axes: MagAxes | None = None  # Of the magnetometer; None where not observable, or where they are right.
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -64,9 +64,8 @@ As printed: Ma's sigmas, N = 3 and threshold 170 (28.9 deg a step in the heading
 and Afzal's and iQSF's are not in these papers: Ma's sigmas where they apply, 10 deg and 0.5 uT/s for AIEZ, and the 99 %
 quantile of independent changes, the authors' assumption.
 
-Verdicts. A window holds the last footfalls that have a field, but none that spans more strides than twice its length,
-which would compare places far apart. The first footfalls, with too few before them, are not judged. An estimator with
-better attitudes replaces `nav_R_body` in the footfall field and has it judged again.
+Verdicts. A window spans twice its length of strides at most; the first footfalls, with too few before them, are not
+judged. An estimator with better attitudes replaces `nav_R_body` in the footfall field and has it judged again.
 """
 
 from __future__ import annotations
@@ -466,17 +465,11 @@ def count_needed(gate: str) -> int | None:
 
 
 def judge_field(field: FootfallField, detector: Detector | str = DEFAULT) -> FieldVerdicts:
-    """Judge the field at each footfall by it and those before it.
+    """Judge the field at F footfalls, in order of time, each by it and those before it.
 
     One footfall after the other, the latest (`count_needed`) are enough; with a heading offset, whose alignment depends
-    on earlier verdicts, all of them are needed.
-
-    Parameters
-    ----------
-    field : at F footfalls, in order of time.
-    detector : or its name in `DETECTORS`.
-
-    Raises `MagneticError` for a name that is none, or a detector without a threshold.
+    on earlier verdicts, all of them are needed. Raises `MagneticError` for a
+    name that is none, or a detector without a threshold.
     """
     chosen = find_detector(detector) if isinstance(detector, str) else detector
     threshold = chosen.threshold

@@ -162,14 +162,10 @@ def average_footfall_field(
     heading: float = 0.0,
     nav_R_body: Floats | None = None,
 ) -> FootfallField:
-    """Average the field over each footfall.
+    """Average the field over each footfall, magnetometer calibrated or not.
 
-    Parameters
-    ----------
-    recording : with a magnetometer, calibrated or not.
-    stances : of that recording.
-    heading : rad clockwise from north, of the body's x axis at the start.
-    nav_R_body : (N, 3, 3), the attitude to use; None for that of the gyroscope and the stances.
+    Attitudes `nav_R_body` (N, 3, 3) are by gyroscope and stances if None, and then start with `heading`, rad clockwise
+    from north, of the body's x axis.
 
     Raises `MagneticError` without a magnetometer, or if no footfall has a sample of the field; `EstimationError`
     without a stance, or with stances of another recording.

@@ -115,13 +115,9 @@ def place_nodes(t: Floats, node_s: float = NODE_S) -> Ints:
 
 
 def preintegrate_links(node: Ints, t: Floats, acc: Floats, gyr: Floats, mag: Floats | None) -> Links:
-    """Preintegrate rate, force and field between nodes to K links.
+    """Preintegrate rate, force and field, each held until the next stamp, between samples `node` (K + 1,) to K links.
 
-    Parameters
-    ----------
-    node : (K + 1,) samples at which the nodes are; a sample belongs to the link that begins at or before it.
-    t, acc, gyr : stamps (N,) s, specific forces and rates (N, 3), each held until the next stamp.
-    mag : (N, 3) uT, NaN or all zeros where there is none; None without a magnetometer.
+    A sample belongs to the link that begins at or before it; `mag` (N, 3) uT is NaN or all zeros where there is none.
     """
     one, three, per_sensor = (), (3,), (3, SENSOR)
     shapes = (

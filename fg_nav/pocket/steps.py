@@ -299,14 +299,7 @@ class Openings(NamedTuple):
 
 
 def find_steps(t: Floats, flexion: Floats, up: Floats) -> Steps:
-    """Find the steps of a thigh; there may be none.
-
-    Parameters
-    ----------
-    t : (N,) s.
-    flexion : (N,) rad, positive with the knee ahead, and free of what is faster than 6 Hz.
-    up : (N, 3) unit vector up in the body, low-passed alike.
-    """
+    """Find the steps of a thigh, if any, by flexion (N,) rad, knee ahead, and up (N, 3) in body, both below 6 Hz."""
     return join_openings(measure_openings(t, flexion, up, find_turning_points(flexion, HYSTERESIS)))[0]
 
 
