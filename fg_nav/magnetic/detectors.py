@@ -120,18 +120,14 @@ SIGNALS: Mapping[str, Signal] = {
 
 @dataclass(frozen=True)
 class Channel:
-    """A signal and what is expected of it.
+    """A signal and what is expected of it, in rad, uT or uT/s.
 
-    Attributes
-    ----------
-    name : of the signal, one of `SIGNALS`.
-    sigma : rad, uT or uT/s; of one footfall's value, or, in a form as printed, of what that form squares. To a strength
-        rate the standard error of each slope is added, as variances add.
-    matters : rad, uT or uT/s, the least change over the window (of a zero: the least lasting value) that a detector is
-        to reject; only needed for a threshold from a false-alarm rate.
+    `sigma` is of one footfall's value, or, in a form as printed, of what that form squares. To a strength rate the
+    standard error of each slope is added, as variances add. `matters` is the least change over the window (of a zero:
+    the least lasting value) that a detector is to reject; only needed for a threshold from a false-alarm rate.
     """
 
-    name: str
+    name: str  # Of the signal, one of `SIGNALS`.
     sigma: float
     matters: float = float("nan")
 
