@@ -1,7 +1,5 @@
 """Lost samples, those that one sensor did not read, and the motion within a sample.
 
-What a sensor would have read where a sample is missing follows from how the same foot moves elsewhere.
-
 A sample is the mean over its period T; before a gap it stands for T only, and the h - T up to the next stamp are not
 observed. A foot repeats itself, and so a recording shows what lies between such samples. With m the samples of acc and
 gyr within R periods on either side, each sensor over its own spread, and l the means of acc and gyr between, those in a
@@ -135,8 +133,7 @@ def fill_gaps(t: Floats, acc: Floats, gyr: Floats) -> Gaps:
     period = float(np.median(step))
     gap = np.flatnonzero(step > LOST_PERIODS * period)
     if not len(gap):
-        nothing = np.empty((0, 3))
-        return Gaps(gap, step[gap], nothing, nothing, nothing, nothing)
+        return Gaps(gap, step[gap], *[np.empty((0, 3))] * 4)
     scale = np.repeat([find_spread(acc), find_spread(gyr)], 3)
     values = np.hstack([acc, gyr]) / scale
     tick = count_periods(t, period)

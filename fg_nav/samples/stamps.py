@@ -1,7 +1,6 @@
 """The stamps of a file: put in order, and evened out where the logger stamped samples on arrival.
 
-A file is judged as a whole, so less is lost than in a stream, and nothing of unknown length is assumed. What becomes of
-each fault of its stamps: `docs/formats.md`. Of the parts that an end leaves, the longest is taken, with a remark.
+What becomes of each fault: `docs/formats.md`. Of the parts that an end leaves, the longest is taken, with a remark.
 
 Jitter. A sensor samples evenly by its own clock; sample i is the n_i-th tick, stamped when it arrived:
 
