@@ -91,10 +91,9 @@ def estimate_stance(
     has_air: bool,
     floor: int | None = None,
 ) -> StanceEstimate:
-    """Return the estimate of a footfall in navigation axes, from its variables and their covariances in the graph.
+    """Return the estimate of a footfall in navigation axes, from its variables and their covariances (6, 6).
 
-    `body_cov`, `bias_cov` (6, 6) are in the tangent spaces of pose and bias. A `moving_foot` and a barometer
-    (`has_air`) add what the graph does not have: how they scale the walk.
+    A `moving_foot` and a barometer (`has_air`) add what the graph does not have: how they scale the walk.
     """
     position, attitude = np.asarray(pose.translation()), pose.rotation().matrix()
     pose_cov = in_nav(attitude[None], body_cov[None])[0]
@@ -393,10 +392,7 @@ class Revision:
 def compare_pasts(
     before: Sequence[EstimateRow], after: Sequence[EstimateRow], first: int, retracted: Sequence[tuple[int, float]]
 ) -> Revision:
-    """Return the revision from one solution to the next: turn of the map, retracted lines, present path.
-
-    `before` are the rows of the footfalls from number `first` on, `after` from 0 on.
-    """
+    """Return the revision from the rows `before`, of the footfalls from number `first` on, to `after`, from 0 on."""
     old, new = split_rows(before), split_rows(after[first:])
     _, i, j = np.intersect1d(old.sample, new.sample, return_indices=True)
     turns = compute_heading(new.nav_R_body[j]) - compute_heading(old.nav_R_body[i])

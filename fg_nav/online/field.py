@@ -100,8 +100,8 @@ class OnlineField:
     def measure(self, recording: Recording, stances: Stances, track: Trajectory, is_seen: bool) -> StrideField:
         """Return the mean field at the second of two footfalls and the line integral along the stride, as in batch.
 
-        Of the path at the samples, `track`, origin and heading make no difference. The field of a standing counts once:
-        at a further piece it is not seen.
+        Of the path at the samples, `track`, origin and heading make no difference. At a further piece of a standing
+        the field is not seen.
         """
         sample = stances.stillest(recording.gyr)
         try:

@@ -66,10 +66,8 @@ class SampleIntake(ABC):
         """Add samples and return the estimates that they complete, and what they take back, in order.
 
         t, acc, gyr, mag, pressure are (n,) s, (n, 3) m/s^2, (n, 3) rad/s, (n, 3) uT and (n,) Pa, n >= 0; what cannot
-        be used is left out (`fg_nav.samples.intake`).
-
-        Raises `RecordingError` where the first seconds show that a unit is wrong, `EstimationError` after the end, and
-        in a pocket where there is no up to begin with.
+        be used is left out (`fg_nav.samples.intake`). Raises `RecordingError` where the first seconds show that a unit
+        is wrong, `EstimationError` after the end, and in a pocket where there is no up to begin with.
         """
         if self.has_ended:
             raise EstimationError("this walk has ended: begin a new one for more samples.")

@@ -165,11 +165,7 @@ def find_acc_problem(acc: Floats, period_s: float) -> str | None:
 
 
 def find_gyr_unit(acc: Floats, gyr: Floats, period_s: float) -> str | None:
-    """Find the unit of gyr (N, 3) where physics decides: rad/s or deg/s; None where it does not.
-
-    No limb turns at more than 40 rad/s; one that is shaken as by walking turns faster than 0.3 rad/s, 17 deg/s; and
-    where it turns quietly, gravity turns at the rate of the gyroscope in one of the two units only. `acc` is in m/s^2.
-    """
+    """Find the unit of gyr (N, 3) where physics decides, rad/s or deg/s; None where it does not. acc is in m/s^2."""
     acc, gyr = _usable(acc, gyr)
     if not len(gyr):
         return None

@@ -354,8 +354,7 @@ class Peaks(NamedTuple):
 def rebuild_peaks(samples: Floats, period_s: float, levels: Floats | None = None) -> Peaks:
     """Rebuild the peaks of rates or specific forces (N, 3), one sample every `period_s`.
 
-    `levels` (2, 3) from which on they are clipped, as in `find_saturated`. Where nothing was cut the samples are
-    returned as they are, and the zeros take no memory.
+    `levels` (2, 3) from which on they are clipped, as in `find_saturated`.
     """
     clipped = find_saturated(samples, levels)
     if not clipped.any():

@@ -200,10 +200,9 @@ class Clock(NamedTuple):
 
 
 def remove_jitter(t: Floats) -> Floats:
-    """Even out stamps whose jitter is that of their transport.
+    """Return stamps (N,) s, strictly increasing, at the ticks of the sensor's clock; gaps and dropped samples stay.
 
-    From stamps (N,) s, strictly increasing, to the ticks of the sensor's clock, likewise. True gaps and dropped samples
-    stay. `t` itself where the jitter is negligible, or not that of transport, or the samples are too few to decide.
+    `t` itself where the jitter is negligible, or not that of transport, or the samples are too few to decide.
     """
     clock = fit_clock(t)
     delay = t - clock.even
