@@ -80,7 +80,14 @@ def test_every_equation_has_one_row():
 
 
 @each_row
-def test_the_code_is_there_and_cites_the_equation(row):
+def test_code_and_test_are_there_and_the_code_cites_the_equation(row):
+    assert row[4].startswith(READINGS), f"{row[0]}: begin the last cell with one of {READINGS}"
+    tests = places_in(row[3])
+    assert tests or row[4].startswith("left out: "), f"name the test of {row[0]} as `file.py::test_name`"
+    for file, name in tests:
+        path = ROOT / "tests" / file
+        assert path.exists(), f"{row[0]}: there is no tests/{file}; put its new place into docs/equations.md"
+        assert name in names_in(path), f"{row[0]}: tests/{file} has no {name}; put its new name into docs/equations.md"
     places = places_in(row[2])
     assert places or row[4].startswith("left out: "), f"name the code of {row[0]} as `file.py::name`, or leave it out"
     for file, name in places:
@@ -91,21 +98,6 @@ def test_the_code_is_there_and_cites_the_equation(row):
         header = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
         uncited = sorted(cited_in(row[0]) - cited_in(header) - cited_in(docs[name]))
         assert not uncited, f"cite {uncited} in the docstring of {file} or of its {name}, in the style `Ma (26)`"
-
-
-@each_row
-def test_the_test_is_there(row):
-    places = places_in(row[3])
-    assert places or row[4].startswith("left out: "), f"name the test of {row[0]} as `file.py::test_name`"
-    for file, name in places:
-        path = ROOT / "tests" / file
-        assert path.exists(), f"{row[0]}: there is no tests/{file}; put its new place into docs/equations.md"
-        assert name in names_in(path), f"{row[0]}: tests/{file} has no {name}; put its new name into docs/equations.md"
-
-
-@each_row
-def test_it_is_said_how_the_equation_is_read(row):
-    assert row[4].startswith(READINGS), f"{row[0]}: begin the last cell with one of {READINGS}"
 
 
 def test_every_citation_in_the_code_has_a_row_that_names_its_file():

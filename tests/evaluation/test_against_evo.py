@@ -35,34 +35,21 @@ def evo_errors(estimate, truth, fit):
     )
 
 
-def umeyama(moved, reference):
-    return moved.align(reference, correct_scale=False)[2]
+def fit(correct_scale):
+    return lambda moved, reference: moved.align(reference, correct_scale=correct_scale)[2]
 
 
-def umeyama_with_scale(moved, reference):
-    return moved.align(reference, correct_scale=True)[2]
-
-
-def test_se3():
-    ours = evaluate(OURS, TrajectoryTruth(T, TRUTH), "se3")
-    rmse, largest, _ = evo_errors(ESTIMATE, TRUTH, umeyama)
+@pytest.mark.parametrize(("mode", "how"), [("se3", fit(False)), ("none", lambda moved, reference: None)])
+def test_errors_in_three_dimensions(mode, how):
+    ours = evaluate(OURS, TrajectoryTruth(T, TRUTH), mode)
+    rmse, largest, _ = evo_errors(ESTIMATE, TRUTH, how)
     assert (ours.rmse_3d_m, ours.max_error_m) == pytest.approx((rmse, largest), rel=1e-9)
 
 
-def test_yaw_is_the_rigid_fit_of_the_paths_seen_from_above():
+def test_yaw_and_scale_are_those_of_the_paths_seen_from_above():
     flat = [1.0, 1.0, 0.0]
-    rmse, _, _ = evo_errors(ESTIMATE * flat, TRUTH * flat, umeyama)
+    rmse, _, _ = evo_errors(ESTIMATE * flat, TRUTH * flat, fit(False))
     assert evaluate(OURS, TrajectoryTruth(T, TRUTH), "yaw").rmse_2d_m == pytest.approx(rmse, rel=1e-9)
-
-
-def test_none():
-    rmse, largest, _ = evo_errors(ESTIMATE, TRUTH, lambda moved, reference: None)
-    ours = evaluate(OURS, TrajectoryTruth(T, TRUTH), "none")
-    assert (ours.rmse_3d_m, ours.max_error_m) == pytest.approx((rmse, largest), rel=1e-9)
-
-
-def test_scale():
-    flat = [1.0, 1.0, 0.0]
-    _, _, scale = evo_errors(ESTIMATE * flat, TRUTH * flat, umeyama_with_scale)
+    _, _, scale = evo_errors(ESTIMATE * flat, TRUTH * flat, fit(True))
     assert fit_scale(ESTIMATE, TRUTH) == pytest.approx(scale, rel=1e-9)
     assert scale > 1.01

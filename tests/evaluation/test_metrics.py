@@ -46,12 +46,9 @@ def test_truth_at_other_stamps_is_interpolated_only_where_it_was_seen():
     assert metrics.max_error_m < 1e-9
     assert metrics.points == np.count_nonzero(np.abs(estimate - T[:, None] * speed).max(axis=1) < 1.0)
     assert "the truth covers" in metrics.notes[0]
-
-
-def test_nan_in_the_truth_is_a_hole_not_a_position():
-    truth = PATH.copy()
-    truth[50:120] = np.nan
-    metrics = evaluate(solution(T, PATH), TrajectoryTruth(T, truth))
+    holed = PATH.copy()
+    holed[50:120] = np.nan
+    metrics = evaluate(solution(T, PATH), TrajectoryTruth(T, holed))
     assert metrics.points == len(T) - 70
     assert metrics.max_error_m < 1e-9
 
@@ -91,9 +88,6 @@ def test_only_what_is_known_goes_to_json():
     assert {"rmse_2d_m", "rmse_3d_m", "end_error_m", "max_error_m", "scale", "alignment"} <= set(json.loads(text))
     one_stance = solution(T, PATH, np.array([0]))
     assert "closure_percent" not in evaluate(one_stance).as_dict()
-
-
-def test_no_stance_is_an_error_in_words():
     with pytest.raises(EvaluationError, match="no stance"):
         evaluate(solution(T, PATH, np.array([], dtype=int)))
 
@@ -112,19 +106,13 @@ def test_footprints_are_fitted_by_rotation_and_shift_in_the_plane():
     assert metrics.rmse_3d_m is None
     assert (metrics.strides_detected, metrics.strides_true) == (29, 29)
     assert (metrics.points, metrics.footprints_surveyed, metrics.notes) == (30, 30, ())
-
-
-def test_footprint_error_is_measured():
     corners = np.array([0, 7, 15, 22, 29])
-    truth = FootprintTruth(corners, STEPS[corners] * 1.05, 29)
-    metrics = evaluate(walk_with_stances(STEPS), truth)
-    assert metrics.scale == pytest.approx(1.05)
-    assert metrics.rmse_2d_m == pytest.approx(
-        0.05 * np.sqrt(np.mean(np.sum((STEPS[corners] - STEPS[corners].mean(0)) ** 2, axis=1)))
-    )
+    metrics = evaluate(walk_with_stances(STEPS), FootprintTruth(corners, STEPS[corners] * 1.05, 29))
+    off = 0.05 * np.sqrt(np.mean(np.sum((STEPS[corners] - STEPS[corners].mean(0)) ** 2, axis=1)))
+    assert (metrics.scale, metrics.rmse_2d_m) == (pytest.approx(1.05), pytest.approx(off))
 
 
-@pytest.mark.parametrize("missed", [0, 1, 13, 28, 29])
+@pytest.mark.parametrize("missed", [0, 13, 29])
 def test_a_missed_stance_costs_its_footprint_and_a_note(missed):
     metrics = evaluate(walk_with_stances(np.delete(STEPS, missed, 0)), FootprintTruth(np.arange(30), STEPS, 29))
     assert metrics.rmse_2d_m < 1e-9
@@ -132,13 +120,6 @@ def test_a_missed_stance_costs_its_footprint_and_a_note(missed):
     assert (metrics.strides_detected, metrics.strides_true) == (28, 29)
     assert any("fewer than the walk has" in note for note in metrics.notes)
     assert f"no stance for footprint {missed}: not scored" in metrics.notes
-
-
-def test_missed_stances_between_surveyed_corners_cost_no_footprint():
-    corners = np.array([0, 7, 15, 22, 29])
-    metrics = evaluate(walk_with_stances(np.delete(STEPS, [4, 18], 0)), FootprintTruth(corners, STEPS[corners], 29))
-    assert metrics.rmse_2d_m < 1e-9
-    assert metrics.points == 5
 
 
 @pytest.mark.parametrize("extra", [[0], [29], [12, 20]])
@@ -154,12 +135,6 @@ def test_a_miscount_that_cancels_is_not_forgiven():
     walked = np.insert(np.delete(STEPS, 8, 0), 20, STEPS[21], axis=0)
     metrics = evaluate(walk_with_stances(walked), FootprintTruth(np.arange(30), STEPS, 29))
     assert metrics.rmse_2d_m > 0.5
-
-
-def test_a_footprint_beyond_the_last_stance_is_reported():
-    metrics = evaluate(walk_with_stances(STEPS[:25]), FootprintTruth(np.arange(30), STEPS))
-    assert metrics.points == 25
-    assert metrics.notes == ("no stance for footprints 25, 26, 27, 28, 29: not scored",)
 
 
 def test_footprints_that_cannot_be_compared_are_errors_in_words():

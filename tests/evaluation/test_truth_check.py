@@ -35,13 +35,12 @@ def with_jump(path: Floats) -> Floats:
     ("change", "words"),
     [
         (lambda path: 1000.0 * path, "faster than anyone runs: it seems to be in mm, divide by 1000"),
-        (lambda path: 100.0 * path, "it seems to be in cm, divide by 100"),
         (with_jump, "m/s from 6.000 s on, faster than anyone runs: correct that row"),
         (lambda path: 1e300 * path, "faster than anyone runs: correct that row"),
         (lambda path: 1e-5 * path + [11.5, 48.1, 500.0], "give places in m, not degrees"),
         (np.ones_like, "moves by 0 m over ground in the 19.9 s"),
     ],
-    ids=["mm", "cm", "jump", "absurd", "degrees", "constant"],
+    ids=["mm", "jump", "absurd", "degrees", "constant"],
 )
 def test_a_path_that_no_one_walks(change: Callable[[Floats], Floats], words: str) -> None:
     check_truth(TrajectoryTruth(T, PATH), T)

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.errors import FgNavError, FormatError, OutputError
 from fg_nav.evaluation.metrics import evaluate
-from fg_nav.report.export import EXPORTS, export_track, find_files
+from fg_nav.report.export import EXPORTS, export_track
 from fg_nav.report.export.maps import outline_ellipses
 from fg_nav.report.export.track import POSITION, ExportTrack, Origin, parse_start, read_result
 from fg_nav.report.files import write_json, write_paths
@@ -79,30 +79,11 @@ def test_the_folder_of_a_result_says_what_the_solution_says(solution: Solution, 
     assert "sensor's x axis" in track.notes[0]
 
 
-@pytest.mark.parametrize(
-    ("magnetometer", "config", "said"),
-    [
-        ({"magnetometer": "used"}, {}, "magnetic"),
-        ({"magnetometer": "used"}, {"heading_deg": 30.0}, "--heading 30"),
-        ({"magnetometer": "not used"}, {"given": {"mount": "pocket"}}, "first strides"),
-        ({}, {}, "where the walk was followed with a compass"),
-    ],
-)
-def test_what_north_is_is_said(
-    folder: Path, tmp_path: Path, magnetometer: dict[str, str], config: dict[str, object], said: str
-) -> None:
-    for name in ("trajectory.tum", "strides.csv"):
-        (tmp_path / name).write_bytes((folder / name).read_bytes())
-    write_json(tmp_path / "summary.json", {"method": "smoother"} | magnetometer)
-    write_json(tmp_path / "config.json", config)
-    (note,) = read_result(tmp_path).notes
-    assert said in note
-
-
 def test_turning_lays_north_to_the_east(track: ExportTrack) -> None:
     turned = track.turn(90.0)
     x, y, z = track.position.T
     np.testing.assert_allclose(turned.position, np.stack([y, -x, z], axis=1), atol=1e-12)
+    np.testing.assert_allclose(turned.velocity, track.velocity[:, [1, 0, 2]] * [1.0, -1.0, 1.0], atol=1e-12)
     np.testing.assert_allclose(turned.footfalls["heading_deg"], (track.footfalls["heading_deg"] + 90.0) % 360.0)
     np.testing.assert_allclose(turned.cov[:, 0, 0], track.cov[:, 1, 1])
     np.testing.assert_allclose(turned.cov[:, 0, 1], -track.cov[:, 0, 1])
@@ -111,7 +92,7 @@ def test_turning_lays_north_to_the_east(track: ExportTrack) -> None:
     assert np.allclose(np.cos(np.deg2rad(table["heading_deg"] - track.tabulate()["heading_deg"])), 0.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("latitude", [0.0, -33.9, 48.137, 78.2])
+@pytest.mark.parametrize("latitude", [0.0, -33.9, 78.2])
 def test_a_kilometer_is_a_kilometer_on_the_earth(latitude: float) -> None:
     walk_m = np.array([[0.0, 0.0, 0.0], [1000.0, 0.0, 0.0], [0.0, 1000.0, 0.0], [600.0, -800.0, 0.0]])
     place = Origin(latitude, 11.575).locate(walk_m)
@@ -187,6 +168,8 @@ def test_kml_has_looks_heights_and_times(track: ExportTrack, tmp_path: Path) -> 
     assert len(placemarks) == 2 * len(AT) + 1
     assert all(len(one.findall("k:Style", space)) == 1 for one in placemarks)
     assert {one.text for one in root.iterfind(".//k:altitudeMode", space)} == {"clampToGround"}
+    lines = {one.text for one in root.iterfind(".//k:LineStyle/k:color", space)}
+    assert "ffb27200" in lines  # opacity, blue, green, red
     assert not root.findall(".//k:when", space)
     export_track(replace(track, start=parse_start("2026-05-04T09:30:00+02:00")), tmp_path / "timed.kml", MUNICH)
     timed = ElementTree.parse(tmp_path / "timed.kml").getroot()
@@ -265,58 +248,27 @@ def test_a_ros_bag_returns_odometry_and_path(track: ExportTrack, tmp_path: Path)
     places = [(pose.pose.position.x, pose.pose.position.y, pose.pose.position.z) for pose in path.poses]
     np.testing.assert_allclose(places, track.position[AT], atol=1e-8)
     assert (path.header.frame_id, odometry[0][1].child_frame_id) == ("odom", "foot")
+    with pytest.raises(FgNavError, match="--start"):  # beyond the clocks of ROS
+        export_track(replace(track, t=track.t + 1e10), tmp_path / "w.mcap")
+    assert not (tmp_path / "w.mcap").exists()
 
 
-def test_evo_reads_tum_and_bag(track: ExportTrack, tmp_path: Path) -> None:
-    pytest.importorskip("rosbags", reason="of the extra ros")
-    interface = pytest.importorskip("evo.tools.file_interface", reason="of the extra checks")
-    from rosbags.rosbag2 import Reader
-
-    for ending in (".tum", ".mcap"):
-        export_track(track, tmp_path / f"walk{ending}")
-    with Reader(tmp_path / "walk.mcap") as reader:
-        from_bag = interface.read_bag_trajectory(reader, "/fg_nav/odometry")
-    for found in (interface.read_tum_trajectory_file(tmp_path / "walk.tum"), from_bag):
-        np.testing.assert_allclose(found.timestamps, track.t, atol=1e-9)
-        np.testing.assert_allclose(found.positions_xyz, track.position, atol=1e-8)
-        np.testing.assert_allclose(np.array(found.poses_se3)[:, :3, :3], track.nav_R_body, atol=1e-7)
-
-
-def test_rerun_has_the_foot_in_motion(track: ExportTrack, tmp_path: Path) -> None:
-    pytest.importorskip("rerun", reason="of the extra rerun")
-    chunk = pytest.importorskip("rerun.chunk", reason="of later versions of it")
-    export_track(track, tmp_path / "walk.rrd")
-    rows = {one.entity_path: one.num_rows for one in chunk.RrdReader(tmp_path / "walk.rrd").stream().to_chunks()}
-    assert rows["/walk/foot"] == N
-    assert rows["/sigma/sigma_x_m"] == len(AT)
-    assert {"/walk/path", "/walk/footfalls", "/walk/ellipsoids"} <= set(rows)
-
-
-def test_any_name_of_a_folder_does(solution: Solution, tmp_path: Path) -> None:
+def test_of_an_odd_track_all_is_written_that_is_known(solution: Solution, tmp_path: Path) -> None:
+    """A name of any letters; sigmas that are not claimed; stamps since 1970 are absolute unless a start is given."""
     odd = ExportTrack.of(solution, "B\u00fcro \u8d70 <&>\x01\udce4")
-    for ending in (".geojson", ".kml", ".gpx", ".mat"):
-        export_track(odd, tmp_path / f"walk{ending}", MUNICH if ending != ".mat" else None)
+    odd = replace(odd, footfalls=odd.footfalls.assign(sigma_x_m=np.nan, cov_xy_m2=np.nan))
+    for ending in (".geojson", ".kml", ".gpx"):
+        export_track(odd, tmp_path / f"walk{ending}", MUNICH)
+        assert "nan" not in (tmp_path / f"walk{ending}").read_text().lower()
+    assert not len(outline_ellipses(odd)[0])
     space = {"k": "http://www.opengis.net/kml/2.2"}
     name = ElementTree.parse(tmp_path / "walk.kml").getroot().findtext("k:Document/k:name", namespaces=space)
-    assert name == "B\u00fcro \u8d70 <&>??"
-    assert json.loads((tmp_path / "walk.geojson").read_text())["name"] == name
-    assert loadmat(tmp_path / "walk.mat", simplify_cells=True)["about"]["name"] == name
-
-
-def test_time_is_absolute_where_stamps_are_since_1970(track: ExportTrack) -> None:
-    assert track.format_utc(track.t) is None
-    absolute = replace(track, t=track.t + 1.7e9)
+    assert name == json.loads((tmp_path / "walk.geojson").read_text())["name"] == "B\u00fcro \u8d70 <&>??"
+    assert odd.format_utc(odd.t) is None
+    absolute = replace(odd, t=odd.t + 1.7e9)
     assert absolute.format_utc(absolute.t[:1]) == ["2023-11-14T22:13:23.000Z"]
     began = replace(absolute, start=parse_start("2026-05-04T09:30:00Z"))
     assert began.format_utc(began.t[[0, -1]]) == ["2026-05-04T09:30:00.000Z", "2026-05-04T09:30:20.000Z"]
-
-
-def test_what_is_not_claimed_is_left_out(track: ExportTrack, tmp_path: Path) -> None:
-    unknown = replace(track, footfalls=track.footfalls.assign(sigma_x_m=np.nan, cov_xy_m2=np.nan))
-    for ending in (".geojson", ".kml", ".gpx"):
-        export_track(unknown, tmp_path / f"walk{ending}", MUNICH)
-        assert "nan" not in (tmp_path / f"walk{ending}").read_text().lower()
-    assert not len(outline_ellipses(unknown)[0])
 
 
 def test_the_command_writes_several_files(fg_nav: FgNav, folder: Path) -> None:
@@ -358,16 +310,13 @@ def test_a_solution_saves_itself_as_the_command_does(solution: Solution, track: 
     ("words", "said"),
     [
         (("w.shp",), ("'.shp'", ".geojson, .kml, .gpx")),
-        (("w",), ("without an ending", ".mat")),
         (("w.kml",), ("--origin",)),
         (("w.mat", "--origin", "48,11"), ("leave --origin out",)),
         (("w.kml", "--origin", "131.2,-33.9"), ("latitude 131.2", "try -33.9,131.2")),
         (("w.kml", "--origin", "48,211"), ("longitude 211", "latitude first")),
-        (("w.kml", "--origin", "48.1"), ("LAT,LON",)),
         (("w.kml", "--origin", "nan,11"), ("not on the Earth",)),
         (("w.kml", "--origin", "48,11", "--start", "yesterday"), ("ISO 8601",)),
         (("w.kml", "--origin", "48,11", "--start", "2026-05-04T09:30:00"), ("no zone",)),
-        (("w.mat", "--turn", "nan"), ("--turn",)),
     ],
 )
 def test_bad_requests_are_told_in_a_sentence(
@@ -419,11 +368,3 @@ def test_an_extra_that_is_absent_is_named(track: ExportTrack, tmp_path: Path, mo
         with pytest.raises(OutputError, match=rf"fg-nav\[{extra}\]"):
             export_track(track, tmp_path / f"w{ending}")
     assert not list(tmp_path.iterdir())
-
-
-def test_clocks_beyond_those_of_ros_are_refused(track: ExportTrack, tmp_path: Path) -> None:
-    pytest.importorskip("rosbags", reason="of the extra ros")
-    with pytest.raises(FgNavError, match="--start"):
-        export_track(replace(track, t=track.t + 1e10), tmp_path / "w.mcap")
-    assert not list(tmp_path.iterdir())
-    assert find_files(tmp_path / "w.mcap") == [tmp_path / "w.mcap"]

@@ -32,9 +32,6 @@ def test_table_has_a_column_for_each_method(walk: Walk, capsys: pytest.CaptureFi
     row = next(line for line in lines if line.startswith("rmse 2-D (m)")).split()
     smoother, iez = float(row[-2]), float(row[-1])
     assert 0 < smoother < iez
-
-
-def test_table_leaves_out_what_no_method_knows(walk: Walk, capsys: pytest.CaptureFixture[str]) -> None:
     out = printed(walks.without_truth(walk), capsys)
     assert "rmse" not in out
     assert "start to end (m)" in out
@@ -55,26 +52,18 @@ def test_one_method_is_five_lines(walk: Walk, capsys: pytest.CaptureFixture[str]
     assert said[1] == f"distance: {summary['distance_m']:.2f} m, in {summary['strides']} strides"
     assert f"{summary['rmse_2d_m']:.3f} m rms" in said[3]
     assert said[4] == f"report: {tmp_path / 'report.html'} (2 remarks in it)"
-
-
-def test_without_a_truth_there_is_no_error_and_without_a_page_its_folder(
-    walk: Walk, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
     bare = walks.without_truth(walk)
-    terminal.print_results([summarize(bare, walks.outcome(bare))], tmp_path)
+    terminal.print_results([summarize(bare, walks.outcome(bare))], tmp_path / "none")
     said = capsys.readouterr().out.splitlines()
     assert [line.partition(":")[0] for line in said] == ["verdict", "distance", "end", "files"]
-    assert said[-1] == f"files: {tmp_path}"
-
-
-def test_text_in_brackets_is_no_markup(capsys: pytest.CaptureFixture[str]) -> None:
-    terminal.console().print(terminal.listing([("[bold]x", "[red]walk[/red].csv")]))
-    assert capsys.readouterr().out.split() == ["[bold]x", "[red]walk[/red].csv"]
+    assert said[-1] == f"files: {tmp_path / 'none'}"
 
 
 def test_lines_of_a_listing_end_with_their_value_in_a_pipe(capsys: pytest.CaptureFixture[str]) -> None:
     terminal.console().print(terminal.listing([("rate", "200 Hz"), ("note", "word " * 150)]))
     assert capsys.readouterr().out.splitlines() == ["rate  200 Hz", "note  " + ("word " * 150).rstrip()]
+    terminal.console().print(terminal.listing([("[bold]x", "[red]walk[/red].csv")]))  # is no markup
+    assert capsys.readouterr().out.split() == ["[bold]x", "[red]walk[/red].csv"]
 
 
 @pytest.mark.parametrize("stream", [Screen(), io.StringIO()], ids=["terminal", "pipe"])

@@ -1,17 +1,12 @@
 """Where nothing can be written, or what was kept is damaged, functions are compiled and give the same numbers."""
 
-import ast
 import os
-from pathlib import Path
 
 import numba
 import pytest
 from numba.core import caching
 
-from fg_nav.report import plots
 from fg_nav.system import compiled, processes
-
-PACKAGE = Path(compiled.__file__).parents[1]
 
 
 def add(a, b):
@@ -45,14 +40,6 @@ def test_where_nothing_at_all_can_be_written_nothing_is_kept(unwritable, monkeyp
     assert (function(1, 2), function.stats.cache_path) == (3, None)
 
 
-def test_one_module_alone_asks_numba():
-    for path in PACKAGE.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
-            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-            assert path.name == "compiled.py" or not any(name.split(".")[0] == "numba" for name in names), path
-
-
 @pytest.mark.parametrize("case", ["ours", "open to others", "a link", "somebody else's", "a file", "no room"])
 def test_a_folder_that_others_may_write_is_not_trusted(case, tmp_path, monkeypatch):
     monkeypatch.setattr(processes.tempfile, "gettempdir", lambda: str(tmp_path))
@@ -78,16 +65,3 @@ def test_a_folder_that_others_may_write_is_not_trusted(case, tmp_path, monkeypat
     if case == "ours":
         assert found.stat().st_mode & 0o777 == 0o700
         assert processes.find_scratch.__wrapped__() == place
-
-
-def test_fonts_are_listed_in_the_home_and_else_among_temporary_files(tmp_path, monkeypatch):
-    for name in (plots.VARIABLE, *plots.PLACES):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(plots, "find_scratch", lambda: tmp_path)
-    monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    plots.choose_place()
-    assert plots.VARIABLE not in os.environ
-    (tmp_path / "file").write_text("")
-    monkeypatch.setenv("HOME", str(tmp_path / "file"))
-    plots.choose_place()
-    assert os.environ[plots.VARIABLE] == str(tmp_path / "matplotlib")
