@@ -290,22 +290,6 @@ def test_the_command_writes_several_files(fg_nav: FgNav, folder: Path) -> None:
     assert fg_nav("export", folder, own, "--turn", "9", "--force").refused("trajectory.tum", "result itself")
 
 
-def test_a_solution_saves_itself_as_the_command_does(solution: Solution, track: ExportTrack, tmp_path: Path) -> None:
-    file = solution.save(tmp_path / "walk.tum")
-    direct, read = np.loadtxt(file), np.column_stack([track.t, track.position])
-    np.testing.assert_allclose(direct[:, :4], read, atol=1e-9)
-    solution.save(tmp_path / "walk.geojson", origin=(48.137, 11.575, 520.0))
-    features = json.loads((tmp_path / "walk.geojson").read_text())["features"]
-    (path,) = (one for one in features if one["properties"]["kind"] == "path")
-    np.testing.assert_allclose(returned(path["geometry"]["coordinates"]), track.position[track.line], atol=1e-3)
-    with pytest.raises(OutputError, match=r"origin=\(48"):
-        solution.save(tmp_path / "walk.kml")
-    with pytest.raises(OutputError, match="force=True"):
-        solution.save(file)
-    with pytest.raises(OutputError, match=r"'.shp'.*\.geojson"):
-        solution.save(tmp_path / "walk.shp")
-
-
 @pytest.mark.parametrize(
     ("words", "said"),
     [
