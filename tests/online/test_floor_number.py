@@ -33,21 +33,9 @@ def test_stairs_lead_from_floor_to_floor_and_back() -> None:
     assert numbers[-8:] == [-1] * 8
 
 
-def test_a_landing_on_which_one_rests_has_no_number() -> None:
-    numbers = numbers_of([*CORRIDOR, *FLIGHT, *CORRIDOR, *FLIGHT, *CORRIDOR])
-    assert set(numbers[12:36]) == {None}
-    assert numbers[-1] == 1
-
-
 @pytest.mark.parametrize(("a_stride", "number"), [(0.01, 0), (-0.01, 0), (0.07, None)])
 def test_a_gentle_slope_or_a_drift_is_the_same_floor_and_a_ramp_is_none(a_stride: float, number: int | None) -> None:
     assert numbers_of([*CORRIDOR, *[a_stride] * 300])[-1] == number
-
-
-def test_stairs_behind_a_drift_of_metres_are_one_floor() -> None:
-    climbs = [*CORRIDOR, *[0.01] * 500, *FLIGHT, *FLIGHT, *CORRIDOR, *[0.01] * 200, *[-x for x in FLIGHT + FLIGHT]]
-    assert numbers_of(climbs + CORRIDOR)[522 + 6] == 1
-    assert numbers_of(climbs + CORRIDOR)[-1] == 0
 
 
 def test_a_kerb_and_a_floor_that_is_met_again_elsewhere_begin_no_number() -> None:

@@ -40,30 +40,22 @@ def review(footfalls: list[ReportedFootfall]) -> list[ReportedFootfall]:
     return review_footfalls(short_walk(), 0, footfalls, STANCE)
 
 
-def is_open(one: ReportedFootfall) -> bool:
-    """Whether it ends in the newest part of the walk."""
-    return bool(short_walk().t[one.footfall.stop[-1] - 1] > short_walk().t[-1] - OPEN_S)
-
-
-def test_footfalls_that_are_none_are_taken_out() -> None:
+def test_footfalls_that_are_none_are_taken_out_and_those_that_were_missed_are_put_in() -> None:
     told = list(told_footfalls())
     assert review(told) == told
     assert review([*told[:6], swing_behind(5), *told[6:]]) == told
-
-
-def test_footfalls_that_were_missed_are_put_in() -> None:
-    told = list(told_footfalls())
+    first = int(told[3].footfall.start[0]) - 50  # samples of a part of the walk are enough
+    part = short_walk().slice(first, len(short_walk()))
+    assert review_footfalls(part, first, [*told[3:5], swing_behind(4), *told[5:]], STANCE) == told[3:]
     found = review([*told[:5], *told[6:]])
     assert [one.line for one in found] == [*range(5), UNREPORTED, *range(6, len(told))]
     missed, true = found[5].footfall, told[5].footfall
     assert missed.start[0] < true.stop[-1]
-    assert true.start[0] < missed.stop[-1]
+    assert true.start[0] < missed.stop[-1] <= found[5].until
     assert (np.diff([one.until for one in found]) >= 0).all()
-    assert found[5].until > missed.stop[-1] - 1
 
 
 def test_the_newest_part_of_a_walk_stays_as_it_was_told() -> None:
-    """It has not been seen from both sides."""
     walk, told = short_walk(), list(told_footfalls())
     cut = int(told[8].footfall.start[0]) + 20
     part, known = walk.slice(0, cut), told[:8]
@@ -73,19 +65,6 @@ def test_the_newest_part_of_a_walk_stays_as_it_was_told() -> None:
     late = told[7].footfall.stop[-1]
     assert walk.t[cut - 1] - walk.t[late] < OPEN_S
     assert review_footfalls(part, 0, known[:7], STANCE) == known[:7]
-
-
-def test_samples_of_a_part_of_the_walk_are_enough() -> None:
-    first = int(told_footfalls()[3].footfall.start[0]) - 50
-    part = short_walk().slice(first, len(short_walk()))
-    told = list(told_footfalls()[3:])
-    swing = swing_behind(4)
-    assert review_footfalls(part, first, [*told[:2], swing, *told[2:]], STANCE) == told
-
-
-def test_without_any_stance_all_stays() -> None:
-    told = list(told_footfalls()[:1])
-    assert review_footfalls(short_walk().slice(0, 60), 0, told, STANCE) == told
 
 
 # --- what changed ----------------------------------------------------------------------------------------------------
@@ -118,7 +97,7 @@ def lines(revision: Revision) -> list[dict]:
     return [json.loads(line) for line in format_revision(revision)]
 
 
-@pytest.mark.parametrize("angle_deg", [-150.0, -1.2, 0.7, 2.0, 179.0])
+@pytest.mark.parametrize("angle_deg", [-150.0, 0.7, 2.0])
 def test_a_map_that_turns_by_more_than_a_degree_is_announced(angle_deg: float) -> None:
     """Clockwise, as headings are."""
     before, after = straight(12), straight(14, np.radians(angle_deg))
@@ -139,7 +118,7 @@ def test_lines_whose_footfalls_were_none_are_retracted_before_the_path() -> None
     assert {line["t"] for line in found} == {11.0}
 
 
-@pytest.mark.parametrize("count", [1, 12, 200, 201, 5000])
+@pytest.mark.parametrize("count", [1, 200, 201, 5000])
 def test_the_path_is_all_of_the_walk_in_two_hundred_points_at_most(count: int) -> None:
     rows = straight(count)
     path = np.array(lines(compare_pasts(rows[-10:], rows, max(count - 10, 0), []))[-1]["path"])
@@ -170,7 +149,7 @@ def add_in_swing(online: OnlineSmoother, walk: Walk, k: int) -> list:
 
 def test_a_false_footfall_is_taken_back_and_what_rests_on_it_is_made_anew() -> None:
     walk, at, false = demo(), 14, 14
-    online, undisturbed = smoother_of(walk), smoother_of(walk)
+    online, undisturbed, short = smoother_of(walk), smoother_of(walk), smoother_of(walk)
     found = [one for k in range(at) for one in add_told(online, walk, k)]
     found += add_in_swing(online, walk, at)
     found += [one for k in range(at, at + 10) for one in add_told(online, walk, k)]
@@ -183,27 +162,16 @@ def test_a_false_footfall_is_taken_back_and_what_rests_on_it_is_made_anew() -> N
     assert len(online.smoothed()) == len(online.causal()) - 1 == at + 10
     np.testing.assert_allclose(online.latest.position, undisturbed.latest.position, atol=0.05)
     assert online.latest.number == online.n_reported - 1
-
-
-def test_a_footfall_that_was_missed_is_put_in() -> None:
-    walk = demo()
-    online = smoother_of(walk)
-    for k in range(24):
-        if k != 14:
-            add(online, walk, k)
-    assert len(online.smoothed()) == len(online.causal()) + 1 == 24
-    assert [one.line for one in online.footfalls] == [*range(14), UNREPORTED, *range(14, 23)]
-    expected = smoother_of(walk)
-    for k in range(24):
-        add(expected, walk, k)
-    assert farthest(online.smoothed(), expected.smoothed()) < 0.05
+    # one that was missed is put in
+    for k in range(at + 10):
+        if k != at:
+            add(short, walk, k)
+    assert [one.line for one in short.footfalls] == [*range(at), UNREPORTED, *range(at, at + 9)]
+    assert farthest(short.smoothed(), undisturbed.smoothed()) < 0.05
 
 
 def test_a_map_that_was_turned_is_where_the_field_has_north() -> None:
-    """Without a heading the walk begins to the north; the field says where that is.
-
-    Within a stretch a heading moves by what is not known of the iron yet: less than a sigma.
-    """
+    """Without a heading the walk begins to the north; the field says where that is."""
     walk = in_field()
     online = smoother_of(walk, OnlineOptions(heading_rad=None))
     told, turns, sigma = [], [], []

@@ -58,18 +58,3 @@ def test_a_part_clips_where_the_walk_did() -> None:
     walk = walk_of(np.clip(moving(60.0), -25.0, 25.0), moving(1.0, 1))
     acc, _ = walk.cut_recording(6000).clipping
     np.testing.assert_allclose(acc, 25.0, rtol=0.03)
-
-
-def test_a_sensor_that_begins_to_clip_is_seen_to() -> None:
-    walk = walk_of(0.5 * moving(5.0), np.clip(moving(60.0, 1), -25.0, 25.0))
-    acc, _ = walk.cut_recording(500).clipping
-    np.testing.assert_allclose(acc, 25.0, rtol=0.03)
-
-
-def test_to_look_at_a_part_changes_nothing() -> None:
-    parts = 0.5 * moving(5.0), np.clip(moving(60.0, 1), -25.0, 25.0), moving(10.0, 2)
-    looked, other = walk_of(*parts), walk_of(*parts)
-    looked.cut_recording(500)
-    looked.cut_onward(600, looked.stop)
-    for one, same in zip(looked.cut_recording(6500).clipping, other.cut_recording(6500).clipping, strict=True):
-        np.testing.assert_array_equal(one, same)

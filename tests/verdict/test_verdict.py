@@ -91,7 +91,6 @@ def test_an_error_weighs_one_at_the_sigma_of_the_result_and_two_at_a_tenth_of_th
 def test_a_result_whose_own_region_is_a_tenth_of_the_way_is_of_no_use(
     sigma: float, in_pocket: bool, is_known: bool
 ) -> None:
-    """2.45 sigmas hold 95 % of a plane."""
     weight = judge_position(np.diag([sigma**2, 0.1]), 100.0, in_pocket).weight
     assert (weight < NO_USE) == is_known
     assert judge_position(np.full((2, 2), np.nan), 100.0, in_pocket).weight == NO_USE
@@ -111,12 +110,8 @@ def test_a_result_whose_own_region_is_a_tenth_of_the_way_is_of_no_use(
 )
 def test_the_heaviest_sign_decides_or_many_together(weights: list[float], word: str) -> None:
     assert combine([Reason(weight, str(weight)) for weight in weights]).word == word
-
-
-def test_reasons_come_by_weight_and_light_ones_last() -> None:
-    found = combine([Reason(1.1, "b"), Reason(NAMING, "d"), Reason(0.3, "never"), Reason(1.9, "a"), Reason(LIGHT, "c")])
-    assert found.reasons == ("a", "b", "d", "c")
-    assert combine([Reason(NAMING, "d"), Reason(LIGHT, "c")]) == Verdict("trusted", ("c",))
+    light = combine([Reason(1.1, "b"), Reason(NAMING, "d"), Reason(0.3, "never"), Reason(1.9, "a"), Reason(LIGHT, "c")])
+    assert light.reasons == ("a", "b", "d", "c")
 
 
 # --- signs -----------------------------------------------------------------------------------------------------------
@@ -128,7 +123,6 @@ def test_an_ordinary_walk_is_trusted_by_each_kind_of_method(method: str) -> None
 
 
 def test_velocity_that_a_wrong_bias_leaves() -> None:
-    """A force that is off by 0.5 m/s^2 leaves that times the stride's duration: 0.5 m/s, an eighth of the swing's."""
     walk, solution = good().walk, good().solution
     tilted = replace(walk, recording=samples(acc=demo().acc + np.array([0.5, 0.0, 0.0])))
     seen = WalkSigns(tilted, solution)
@@ -139,13 +133,6 @@ def test_velocity_that_a_wrong_bias_leaves() -> None:
     assert reason.weight == pytest.approx(weigh(share, 0.15, 0.3))
 
 
-def test_a_scale_error_shows_in_the_vertical() -> None:
-    scaled = WalkSigns(replace(good().walk, recording=samples(gyr=demo().gyr * [1.0, 0.9, 1.0])), good().solution)
-    weight, weight_scaled = (sign(one, "misses the vertical").weight for one in (good(), scaled))
-    assert weight < 0
-    assert weight_scaled > weight + 1
-
-
 def test_strides_without_footfalls_are_seen_between_and_at_the_ends() -> None:
     walk, solution = good().walk, good().solution
     assert measure_time_without_footfall(good()).weight < 0
@@ -154,6 +141,13 @@ def test_strides_without_footfalls_are_seen_between_and_at_the_ends() -> None:
                       footfall=walk.stances.footfall[kept])  # fmt: skip
     cut = measure_time_without_footfall(WalkSigns(replace(walk, stances=stances), solution))
     assert cut.weight > 2
+    # a swing of 3.5 times the usual one is overdue
+    swing_s = np.median(np.diff(solution.stances.t))
+    kept = ~np.isin(walk.stances.footfall, [20, 21, 22])
+    stances_of_gap = replace(walk.stances, start=walk.stances.start[kept], stop=walk.stances.stop[kept],
+                             footfall=np.unique(walk.stances.footfall[kept], return_inverse=True)[1])  # fmt: skip
+    gap = measure_time_without_footfall(WalkSigns(replace(walk, stances=stances_of_gap), solution))
+    assert float(gap.words.split(" s ")[0]) == pytest.approx(4.0 * swing_s, abs=swing_s)
     lost_s = float(cut.words.split(" s ")[0])
     assert lost_s == pytest.approx(demo().t[-1] - demo().t[stances.stop[-1]], abs=0.1)
 
@@ -164,7 +158,6 @@ def test_a_constant_bias_is_no_fault_of_whatever_size(bias_deg_s: list[float]) -
 
 
 def test_a_bias_that_is_not_that_of_the_rests_turns_the_path() -> None:
-    """A tenth of a degree a second turns a walk of a minute by 6 deg."""
 
     def left(deg_s: float) -> Reason:
         table = good().solution.stances
@@ -221,28 +214,6 @@ def test_a_height_that_does_not_close_is_named_but_not_doubted() -> None:
         assert [reason.weight for reason in list_light_signs(WalkSigns(good().walk, solution))] == weights
 
 
-def test_strides_that_end_in_motion_are_counted_one_by_one() -> None:
-    """A third of the rows are taken from mid-swing: the median is what it was, the share is not."""
-    table, t = good().solution.stances, demo().t
-    sample = table.sample.copy()
-    sample[1:-1:3] += np.searchsorted(t, t[0] + 0.5)
-    moved = replace(good().solution, stances=replace(table, sample=sample, t=t[sample]))
-    assert sign(good(), "of the strides velocity").weight < 0
-    assert sign(WalkSigns(good().walk, moved), "of the strides velocity").weight > 1
-
-
-def test_the_samples_that_were_solved_are_judged() -> None:
-    """Peaks that the walk shows higher than their flanks do: what is left of the velocity is that of these."""
-    limit = 0.9 * np.abs(demo().gyr).max()
-    clipped = samples(gyr=np.clip(demo().gyr, -limit, limit))
-    walk, solution = solved(clipped)
-    raised = clipped.raise_peaks(2.2)
-    seen = WalkSigns(walk, replace(solution, recording=raised))
-    assert seen.recording is raised
-    np.testing.assert_array_equal(seen.ends[1], WalkSigns(replace(walk, recording=raised), solution).ends[1])
-    assert (seen.ends[1] != WalkSigns(walk, solution).ends[1]).any()
-
-
 def spinning(rate_rad_s: float, clipped: float, turns: int = 4) -> tuple[Recording, Recording]:
     """The walk's samples, but the foot turns about up and back so many times, 0.2 s each; as it is, and clipped."""
     t, gyr = demo().t, np.zeros_like(demo().gyr)
@@ -255,7 +226,6 @@ def spinning(rate_rad_s: float, clipped: float, turns: int = 4) -> tuple[Recordi
 
 
 def test_what_clipped_peaks_hide_of_the_heading_adds_up_over_the_walk() -> None:
-    """One error in all turns to the left and one in all to the right: each of them grows with the number of turns."""
     walk, solution = good().walk, good().solution
     level = replace(solution, nav_R_body=np.tile(np.eye(3), (len(demo()), 1, 1)))
     table = level.stances
@@ -274,30 +244,8 @@ def test_what_clipped_peaks_hide_of_the_heading_adds_up_over_the_walk() -> None:
     assert hidden(4, 4.0) < hidden(8, 4.0)
 
 
-def test_clipped_peaks_hide_no_heading_that_is_shown_otherwise() -> None:
-    walk, solution = replace(good().walk, recording=spinning(12.0, 9.0)[1]), good().solution
-    table = replace(solution.stances, field=("quasi-static",) * len(solution.stances))
-    with_field = replace(solution, stances=table)
-    assert measure_hidden_turning(WalkSigns(walk, solution)) is not None
-    assert (
-        measure_hidden_turning(WalkSigns(walk, replace(with_field, method="ma2018", uses_field=True, graph={}))) is None
-    )
-    assert measure_hidden_turning(WalkSigns(walk, replace(with_field, method="iez", graph={}))) is not None
-    counted = replace(solution, method="smoother", graph={"inertial": 60})
-    assert measure_hidden_turning(WalkSigns(walk, counted)) is None  # in its sigmas
-
-
-def test_the_fastest_of_the_last_stride_is_not_what_came_after_it() -> None:
-    walk, solution = good().walk, good().solution
-    velocity, last = solution.velocity.copy(), int(solution.stances.sample[-1])
-    velocity[last + 1 :] = [99.0, 0.0, 0.0]
-    np.testing.assert_array_equal(WalkSigns(walk, replace(solution, velocity=velocity)).fastest, good().fastest)
-    speed = np.linalg.norm(solution.velocity, axis=1)
-    assert good().fastest[-1] == speed[solution.stances.sample[-2] : last].max()
-
-
-@pytest.mark.parametrize("footfalls", [0, 1])
-def test_a_path_without_footfalls_has_a_verdict(footfalls: int) -> None:
+@pytest.mark.parametrize("footfalls", [0, 1, 2])
+def test_a_path_without_strides_has_a_verdict(footfalls: int) -> None:
     walk, solution = good().walk, good().solution
     table = solution.stances
     kept = {f.name: getattr(table, f.name)[:footfalls] for f in fields(table) if getattr(table, f.name) is not None}
@@ -306,7 +254,7 @@ def test_a_path_without_footfalls_has_a_verdict(footfalls: int) -> None:
                   footfall=walk.stances.footfall[stands])  # fmt: skip
     found = judge_path(replace(walk, stances=few), replace(solution, stances=replace(table, **kept)))
     assert found.word == "not to be used"
-    assert "no walking: 0 strides" in " ".join(found.reasons)
+    assert f"no walking: {max(footfalls - 1, 0)} stride" in " ".join(found.reasons)
     assert "nan" not in " ".join(found.reasons)
 
 
@@ -342,17 +290,6 @@ def test_a_sensor_that_rings_on_the_shoe_is_named_loose() -> None:
     assert any("loose on the shoe" in reason for reason in found.reasons)
 
 
-def test_a_sensor_that_slips_from_stride_to_stride_unseen() -> None:
-    """A turn of the shoe's sensor in the blow of a heel that the gyroscope does not see: the vertical jumps."""
-    walk, rng = good().walk, np.random.default_rng(3)
-    slip = np.zeros((len(demo()), 3))
-    for start in walk.stances.start[1:]:
-        slip[start:] = np.radians(8.0) * rng.uniform(-1.0, 1.0, 3)
-    shoe_R_sensor = Rotation.from_rotvec(slip)
-    found = judged(samples(acc=shoe_R_sensor.inv().apply(demo().acc), gyr=shoe_R_sensor.inv().apply(demo().gyr)))
-    assert found.word != "trusted"
-
-
 @pytest.mark.parametrize("hole_s", [0.02, 3.0, 12.0])
 def test_a_hole_counts_by_the_way_that_it_hides(hole_s: float) -> None:
     kept = np.ones(len(demo()), dtype=bool)
@@ -363,26 +300,6 @@ def test_a_hole_counts_by_the_way_that_it_hides(hole_s: float) -> None:
     if hole_s > 10.0:  # the recording ends there, and the longer part is taken
         assert found.word == "not to be used"
         assert any("cut off by a hole" in reason for reason in found.reasons)
-
-
-def test_a_walk_of_one_stride_is_not_trusted_wherever_the_sensor_is() -> None:
-    table = good().solution.stances
-    kept = {f.name: getattr(table, f.name)[:2] for f in fields(table) if getattr(table, f.name) is not None}
-    for mount in ("foot", "pocket"):
-        walk = replace(good().walk, options=Options(mount=mount))
-        found = judge_path(walk, replace(good().solution, stances=replace(table, **kept)))
-        assert found.word == "not to be used"
-        assert any("no walking: 1 stride " in reason for reason in found.reasons)
-
-
-def test_a_recording_that_was_moved_by_hand_is_not_to_be_used() -> None:
-    t = np.arange(0.0, 60.0, 0.005)
-    angle = np.column_stack([np.sin(1.3 * t), np.sin(0.9 * t + 1.0), 0.5 * np.sin(1.7 * t)])
-    nav_R_body = Rotation.from_rotvec(angle)
-    gyr = np.vstack([(nav_R_body[:-1].inv() * nav_R_body[1:]).as_rotvec() / 0.005, np.zeros(3)])
-    noise = np.random.default_rng(1).normal(0.0, 0.01, (len(t), 3))
-    by_hand = Recording(t, nav_R_body.inv().apply([0.0, 0.0, 9.80665]) + noise, gyr + 0.1 * noise)
-    assert judged(by_hand).word == "not to be used"
 
 
 # --- limits of a person ----------------------------------------------------------------------------------------------
@@ -412,6 +329,23 @@ def test_a_stride_that_is_longer_than_the_others_is_doubted_and_says_when() -> N
     assert any(f"a stride of 3.0 m, at {table.t[7]:.1f} s" in reason for reason in found.reasons)
 
 
+@pytest.mark.parametrize("climb_m", [0.9, -0.9])
+def test_strides_that_climb_or_fall_more_than_stairs_do_are_doubted(climb_m: float) -> None:
+    table = good().solution.stances
+    position = table.position + climb_m * np.arange(len(table))[:, None] * [0.0, 0.0, 1.0]
+    seen = WalkSigns(good().walk, replace(good().solution, stances=replace(table, position=position)))
+    assert sign(seen, "more than stairs do").weight > 1.5
+    assert sign(good(), "more than stairs do").weight < 1.0
+
+
+def test_a_heading_that_is_lost_at_the_end_is_of_no_use() -> None:
+    table = good().solution.stances
+    sigma = np.radians(np.linspace(1.0, 100.0, len(table)))
+    found = judge_path(good().walk, replace(good().solution, stances=replace(table, heading_sigma=sigma)))
+    assert found.word == "not to be used"
+    assert any("the heading at the end is known to 100 deg only" in reason for reason in found.reasons)
+
+
 def test_height_that_changes_like_in_a_fall_for_ten_seconds() -> None:
     t = np.arange(0.0, 40.0, 1.2)
     assert find_height_rate(t, 0.4 * t)[0] == pytest.approx(0.4)
@@ -436,7 +370,6 @@ def test_a_scale_of_the_accelerometer_shows_in_the_strides() -> None:
 
 
 def test_swings_without_end_are_none_though_they_are_the_usual_ones() -> None:
-    """Two footfalls in a minute of walking: the median swing is half a minute."""
     walk, solution = good().walk, good().solution
     kept = np.isin(walk.stances.footfall, [0, 30, 59])
     stances = replace(walk.stances, start=walk.stances.start[kept], stop=walk.stances.stop[kept],
@@ -449,15 +382,6 @@ def test_bad_samples_that_are_many_spoil_a_path_that_passes_else() -> None:
         told = replace(demo().provenance, bad_samples=round(share * len(demo())))
         found = judge_path(replace(good().walk, recording=replace(demo(), provenance=told)), good().solution)
         assert found.word == word
-
-
-def test_a_stride_of_three_metres_spoils_a_path_in_a_pocket_too() -> None:
-    walk, solution = replace(good().walk, options=Options(mount="pocket")), good().solution
-    position = solution.stances.position.copy()
-    position[7:] += [0.0, 3.0, 0.0]
-    jumped = replace(solution, stances=replace(solution.stances, position=position))
-    words = [any("longer than others" in one for one in judge_path(walk, path).reasons) for path in (solution, jumped)]
-    assert words == [False, True]
 
 
 def test_wrong_axes_spoil_a_path_of_any_method() -> None:
