@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from fg_nav.feet.person import trace_person
+from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.lab.simulation import SimulatedFeet, simulate_feet
-from fg_nav.samples.gaps import find_unrecorded
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.truth import TrajectoryTruth
 
@@ -73,13 +73,16 @@ def test_what_the_feet_differ_by_is_known_between_the_times_it_is_given_for_in_a
     np.testing.assert_allclose(person.stances.position_cov[:, 2, 2], expected)
 
 
+def test_the_person_looks_where_the_person_walks(walk: SimulatedFeet) -> None:
+    person = trace(walk, WHOLE, WHOLE)
+    later = np.interp(np.stack([person.t - 1.0, person.t + 1.0]), person.t, np.arange(len(person.t))).astype(int)
+    way = (person.position[later[1]] - person.position[later[0]])[:, :2]
+    walks = np.hypot(*way.T) > 2.0
+    assert walks.mean() > 0.4
+    off = compute_heading(person.nav_R_body) - np.arctan2(way[:, 0], way[:, 1])
+    assert np.degrees(np.quantile(np.abs(wrap_angle(off[walks])), 0.9)) < 25.0
+
+
 def test_where_neither_was_recorded_nothing_is_made_up(walk: SimulatedFeet) -> None:
     person = trace(walk, BROKEN, BROKEN)
     assert np.diff(person.t).max() == pytest.approx(HOLE[1] - HOLE[0], abs=0.02)
-
-
-def test_times_before_in_and_after_a_recording() -> None:
-    recorded = np.concatenate([np.linspace(1.0, 1.9, 10), np.linspace(5.0, 6.0, 11)])
-    asked = np.array([0.5, 1.0, 1.55, 1.9, 2.5, 4.9, 5.0, 5.5, 6.0, 6.5])
-    found = find_unrecorded(asked, recorded)
-    assert found.tolist() == [True, False, False, False, True, True, False, False, False, True]
