@@ -1,9 +1,7 @@
 """Fixes while the walk goes on: taken when their time has come, turning the map where they show the heading."""
 
-from dataclasses import replace
 from functools import cache
 
-import gtsam
 import numpy as np
 import pytest
 
@@ -11,10 +9,9 @@ from fg_nav.io import write_canonical
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import OnlineOptions, rows_of
 from fg_nav.online.estimates import Revision
-from fg_nav.online.strides import agrees, find_stride_fixes
-from fg_nav.smoother.constraints import pin_to_times, select_reached_fixes
+from fg_nav.online.strides import find_stride_fixes
+from fg_nav.smoother.constraints import pin_to_times
 from fg_nav.truth import Fix
-from tests.online.walks import worst_difference
 from tests.smoother.test_fixes import demo, errors, fixes_at, truth_from_start, with_fixes
 
 TURN_DEG = 40.0
@@ -39,6 +36,7 @@ def test_the_walk_goes_through_its_fixes_as_in_batch():
     found, batch = navigator.finish(), with_fixes(fixes(), heading=0.0)
     where = np.searchsorted(found.stances.t, [fix.time_s - 0.05 for fix in fixes()])
     assert errors(found)[where].max() < 0.04
+    assert found.graph["position_fix"] == len(fixes())
     assert np.linalg.norm((found.stances.position - batch.stances.position)[:, :2], axis=1).max() < 0.1
 
 
@@ -64,26 +62,6 @@ def test_a_heading_that_fixes_have_yet_to_show_is_in_the_sigmas():
     assert np.degrees(lines[-1].pose_cov[3, 3] ** 0.5) < 3.0
 
 
-def test_without_its_fixes_the_walk_is_where_it_was():
-    plain = OnlineNavigator(OnlineOptions(heading_rad=0.0, use_field=False))
-    later = replace(fixes()[0], time_s=1e6)
-    vain = OnlineNavigator(OnlineOptions(heading_rad=0.0, use_field=False, fixes=(later,)))
-    for navigator in (plain, vain):
-        navigator.add_rows(rows_of(demo().recording)[:3000])
-    assert worst_difference(plain.smoothed(), vain.smoothed()) == 0.0
-
-
-def test_nothing_depends_on_the_blocks():
-    navigator, _ = walked(None, TURN_DEG)
-    whole = navigator.smoothed()
-    rows = rows_of(demo().recording)
-    other = OnlineNavigator(navigator.options)
-    other.add_rows(rows[:5000])
-    other.add_rows(rows[5000:])
-    other.close()
-    assert worst_difference(other.smoothed(), whole) < 1e-9
-
-
 def test_a_fix_of_a_stride_has_the_node_and_the_sigma_of_the_batch():
     rng = np.random.default_rng(4)
     t_node = np.sort(rng.uniform(0.0, 4.0, 6))
@@ -95,15 +73,6 @@ def test_a_fix_of_a_stride_has_the_node_and_the_sigma_of_the_batch():
     pinned = pin_to_times(inside, t_node)
     np.testing.assert_array_equal([node for node, _ in found], pinned.node)
     np.testing.assert_allclose([fix.horizontal_sigma_m for _, fix in found], pinned.horizontal)
-    far = Fix(9.0, np.zeros(3), 0.1)  # farther than a stride from all
-    assert not select_reached_fixes([far], np.array([0.0, 5.0, 20.0]))
-
-
-def test_a_fix_agrees_within_the_sigmas_of_both():
-    pose = gtsam.Pose3(gtsam.Rot3.Rz(0.8), np.array([3.0, 1.0, 0.0]))
-    covariance = np.diag([1e-4, 1e-4, 1e-4, 0.3**2, 0.3**2, 0.1**2])
-    for metres, within in ((1.9, True), (2.1, False)):
-        assert agrees(pose, covariance, Fix(0.0, np.array([3.0, 1.0 + metres, 0.0]), 0.4)) == within
 
 
 def test_stream_and_run_take_fixes(fg_nav, tmp_path):
@@ -125,8 +94,3 @@ def test_stream_and_run_take_fixes(fg_nav, tmp_path):
         assert np.linalg.norm(at - one.position[:2]) < 0.1
     assert fg_nav("stream", tmp_path / "walk.csv", *words, "--mount", "pocket").refused("--fixes", "foot")
     assert fg_nav("stream", tmp_path / "walk.csv", "--fixes", tmp_path / "no.csv").refused("no.csv")
-
-
-def test_fixes_are_counted_between_solutions_and_after_them():
-    navigator, _ = walked(0.0)
-    assert navigator.finish().graph["position_fix"] == len(fixes())

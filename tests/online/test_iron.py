@@ -31,6 +31,10 @@ def test_it_is_found_by_the_walk_and_ends_where_the_batch_ends():
     assert (np.abs(iron.hard_iron_uT - IRON_UT) < 4.0 * iron.sigma[:3]).all()
     assert any("corrected by the walk itself" in note for note in online().initial.notes)
     assert farthest(online().smoothed(), polished(with_iron()).stances) < 0.10
+    weight = online().smoothed().compass_weight
+    assert weight.shape == (FOOTFALLS,)
+    assert ((weight > 0.0) & (weight <= 1.0)).all()
+    assert 0.3 < (weight == 1.0).mean() < 0.9
 
 
 def test_a_part_is_corrected_and_the_whole_is_not():
@@ -47,10 +51,3 @@ def test_with_a_calibration_the_samples_stay_as_they_are():
     assert calibrated.walk.sensor.iron is None
     assert not any("by the walk itself" in note for note in calibrated.initial.notes)
     assert farthest(calibrated.smoothed(), polished(in_field(), options).stances) < 0.10
-
-
-def test_weights_are_those_of_the_walk_so_far():
-    weight = online().smoothed().compass_weight
-    assert weight.shape == (FOOTFALLS,)
-    assert ((weight > 0.0) & (weight <= 1.0)).all()
-    assert 0.3 < (weight == 1.0).mean() < 0.9

@@ -125,19 +125,6 @@ def opened_at(scheme: str) -> Opened:
     return Opened(f"{scheme}://127.0.0.1:0")
 
 
-@in_loop
-async def test_datagrams_wait_while_the_walk_is_computed():
-    async with opened_at("udp") as opened:
-        with closing(connect("udp", opened.port)) as out:
-            out.send(HEADER)
-            for k in range(2000):
-                out.send(row(k))
-                if k % 50 == 0:  # by then the queue has them, not the system
-                    await wait_for(lambda k=k: opened.samples._size > 18 * k)
-            assert await collect(opened.samples, 2000) == list(range(2000))
-    assert opened.said == []
-
-
 @pytest.mark.parametrize("scheme", ["udp", "tcp-listen"])
 @in_loop
 async def test_a_second_sender_is_left_out_and_named(scheme):

@@ -12,7 +12,6 @@ from fg_nav.magnetic import average_footfall_field
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import OnlineOptions
 from fg_nav.recording import Recording
-from fg_nav.samples.intake import UNKNOWN_GAP_S, Intake
 from fg_nav.smoother import smooth
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.truth import TrajectoryTruth
@@ -83,7 +82,12 @@ def first_behind(table: StanceTable) -> int:
     return int(np.searchsorted(table.t, LOST_AT_S + LOST_S))
 
 
-@pytest.mark.parametrize("estimate", [lambda field: online(field).causal(), lambda field: batch(field).stances])
+both_ways = pytest.mark.parametrize(
+    "estimate", [lambda field: online(field).causal(), lambda field: batch(field).stances], ids=["online", "batch"]
+)
+
+
+@both_ways
 def test_behind_a_loss_of_seconds_the_sigmas_are_those_of_a_person_who_walked_on(estimate):
     table = estimate(False)
     k = first_behind(table)
@@ -96,7 +100,7 @@ def test_behind_a_loss_of_seconds_the_sigmas_are_those_of_a_person_who_walked_on
     np.testing.assert_allclose(sigma[: k - 1].max(), sigma[k - 2], rtol=0.5)
 
 
-@pytest.mark.parametrize("estimate", [lambda field: online(field).causal(), lambda field: batch(field).stances])
+@both_ways
 def test_with_the_compass_the_heading_is_known_again(estimate):
     """A right angle round a corner is found, and what is walked behind it is as certain as before."""
     table = estimate(True)
@@ -119,52 +123,3 @@ def test_the_batch_of_a_stream_with_a_loss_is_that_of_its_samples():
     np.testing.assert_allclose(polished.stances.position_sigma[-1, :2], found.stances.position_sigma[-1, :2], rtol=0.1)
     step = np.linalg.norm(np.diff(polished.position, axis=0), axis=1)
     assert np.delete(step, np.argmax(np.diff(polished.t))).max() < 0.1
-
-
-def rows_with(lost_s: float, begins_again: bool) -> np.ndarray:
-    """Rows (n, 10) of the walk of which some are lost; behind them the stamps go on, or begin again at zero."""
-    whole = walk()
-    assert whole.mag is not None
-    rows = np.column_stack([whole.t, whole.acc, whole.gyr, whole.mag])
-    kept = rows[(whole.t < LOST_AT_S) | (whole.t >= LOST_AT_S + lost_s)]
-    first = int(np.searchsorted(kept[:, 0], LOST_AT_S))
-    kept[first:, 0] -= begins_again * kept[first, 0]
-    return kept
-
-
-def judged(rows: np.ndarray) -> tuple[Intake, list[str], np.ndarray]:
-    told: list[str] = []
-    judge, rows = Intake(told.append), np.column_stack([rows, np.full(len(rows), np.nan)])
-    taken = [judge.push(part) for part in np.array_split(rows, 60)]
-    return judge, told, np.concatenate(taken)
-
-
-@pytest.mark.parametrize(("lost_s", "kind"), [(0.0, "restart"), (7.0, "rebooted")])
-def test_a_clock_that_begins_again_is_told_from_a_sensor_that_was_off_by_force_and_rate(lost_s, kind):
-    judge, told, taken = judged(rows_with(lost_s, begins_again=True))
-    assert judge.counts[kind] == 1
-    longest = np.diff(taken[:, 0]).max()
-    assert longest == pytest.approx(0.01 if kind == "restart" else UNKNOWN_GAP_S, abs=0.02 * (kind != "restart") + 1e-9)
-    assert sum("set on by" in words for words in told) == sum("set on by" in words for words in judge.notes) - 1 == 1
-
-
-def test_each_change_of_stamps_is_told_when_it_happens_and_noted():
-    """No row is left out: those that showed that the clock began again are taken too."""
-    rows = rows_with(0.0, begins_again=False)
-    for first in (1500, 3000, 4500):
-        rows[first:, 0] -= rows[first, 0]
-    judge, told, taken = judged(rows)
-    assert (np.diff(taken[:, 0]) > 0.0).all()
-    assert sum("from there on stamps are set on by" in words for words in told) == 3
-    assert sum("from there on stamps are set on by" in words for words in judge.notes) == 3
-    assert len(taken) == len(rows)
-    assert not any("before the last one" in words for words in told)
-
-
-def test_a_stamp_that_all_but_coincides_with_the_last_is_repeated() -> None:
-    rows = np.column_stack([0.01 * np.arange(200), np.tile([0.0, 0.0, 9.8], (200, 1)), np.zeros((200, 6))])
-    rows[:, 1:7] += 0.01 * np.random.default_rng(1).standard_normal((200, 6))
-    rows[50, 0] = rows[49, 0] + 1e-10
-    judge, _, taken = judged(rows)
-    assert judge.counts["repeated"] == 1
-    assert np.diff(taken[:, 0]).min() > 0.009

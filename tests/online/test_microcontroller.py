@@ -78,14 +78,4 @@ def test_it_sends_what_the_sensor_measured(counts, tmp_path):
     assert np.allclose(rows[:, 4:7], counts[:, 4:] * GYR, atol=6e-7, rtol=0)
     assert np.isnan(rows[:, 7:10]).all()
     assert np.allclose(np.diff(rows[:, 0]), 0.0025, atol=2e-5)
-
-
-def test_its_rows_are_those_of_its_header(counts):
-    """Its formats, put together here."""
-    (header,) = re.findall(r'HEADER = "(.*?)\\n"', PROGRAM)
-    (row,) = re.findall(r'"(%.6f.*?)\\n"', PROGRAM)
-    lines = [row % (0.0025 * k, *(one[:3] * ACC), *(one[4:] * GYR)) for k, one in enumerate(counts[:100])]
-    rows = RowReader("the microcontroller").read("\n".join([header, *lines, ""]).encode())
-    assert np.allclose(rows[:, 1:4], counts[:100, :3] * ACC, atol=6e-6, rtol=0)
-    assert np.allclose(rows[:, 0], 0.0025 * np.arange(100), atol=1e-9)
     assert len(PROGRAM.splitlines()) <= 35

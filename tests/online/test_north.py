@@ -7,7 +7,7 @@ from fg_nav.frames import UNKNOWN_RAD
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import OnlineOptions, rows_of
 from fg_nav.online.estimates import StanceEstimate
-from fg_nav.online.field import average_along, extend_with_north, find_north_sigma
+from fg_nav.online.field import FLOOR_UT, ROOM_SHARE, average_along, extend_with_north, find_north_sigma
 from tests.online.walks import NORTH, push, short_walk
 
 STRENGTH_UT = 20.0
@@ -23,9 +23,6 @@ def test_the_mean_of_a_correlated_deviation_varies_as_it_is_told():
         total += x
         x = keep * x + np.sqrt(1.0 - keep**2) * rng.standard_normal(20000)
     assert (total / n).var() == pytest.approx(average_along(n * step / length), rel=0.03)
-
-
-def test_over_a_short_path_nothing_averages():
     assert average_along(0.0) == 1.0
     assert average_along(0.9999e-4) == pytest.approx(average_along(1.0001e-4), abs=1e-8)
 
@@ -36,10 +33,13 @@ def test_north_is_known_better_the_farther_the_walk_and_the_steadier_its_field()
     assert by_path[0] > 2.0 * by_path[1] > 4.0 * by_path[2]
     smooth = find_north_sigma(0.05 * rough[:40], 52.0, STRENGTH_UT)
     assert smooth < 0.5 * by_path[1]
+    assert find_north_sigma(np.zeros(4), 4.0, STRENGTH_UT) > np.radians(8.0)  # that agree, and may all be off
 
 
-def test_four_footfalls_that_agree_may_all_be_off():
-    assert find_north_sigma(np.zeros(4), 4.0, STRENGTH_UT) > np.radians(8.0)
+def test_of_one_place_north_is_as_little_known_as_floors_and_rooms_deviate():
+    """Both deviations across the walk's field are independent, and a room's is a share of the floor's."""
+    expected = FLOOR_UT * np.hypot(1.0, ROOM_SHARE) / STRENGTH_UT
+    assert find_north_sigma(np.zeros(1), 0.0, STRENGTH_UT) == pytest.approx(min(expected, UNKNOWN_RAD))
 
 
 def test_a_field_without_a_horizontal_part_shows_nothing():

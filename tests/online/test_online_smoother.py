@@ -12,16 +12,14 @@ from fg_nav.detection.causal import Footfall
 from fg_nav.errors import EstimationError
 from fg_nav.evaluation.comparison import align
 from fg_nav.lab.simulation.motion import Style
-from fg_nav.online import OnlineNavigator
 from fg_nav.online import smoother as online_smoother
 from fg_nav.online.buffer import OnlineOptions, SampleBuffer, rows_of
 from fg_nav.online.resolve import measure_online_field, solve_so_far
-from fg_nav.online.smoother import AT_ONCE, OnlineSmoother, choose_delay, choose_next
+from fg_nav.online.smoother import OnlineSmoother
 from fg_nav.online.window import Window
-from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.parameters import FieldParameters
-from tests.online.walks import NORTH, push, short_walk, solve_only_at
+from tests.online.walks import short_walk, solve_only_at
 from tests.simulated import corridor, straight_walk
 from tests.smoother.walks import FREE, Walk, demo, part
 
@@ -107,49 +105,12 @@ def test_it_ends_where_the_batch_ends(online, given):
     np.testing.assert_allclose(table.position_sigma[-1, :2], batch.position_sigma[-1, :2], rtol=0.1)
     # Of the newest strides it is not known yet whether they are on a level floor.
     assert batch.position_sigma[-1, 2] < table.position_sigma[-1, 2] < 0.15
-
-
-@pytest.mark.parametrize("online", [whole, whole_in_field])
-def test_causal_and_smoothed_agree_at_the_last_footfall_and_not_before(online):
-    causal, smoothed = online().causal(), online().smoothed()
-    np.testing.assert_allclose(causal.position[-1], smoothed.position[-1], atol=1e-3)
-    assert farthest(causal, smoothed) > 1e-3
-    assert causal.heading_sigma[0] <= smoothed.heading_sigma[-1]
-
-
-def test_what_is_known_at_the_moment_and_after_is_near_the_truth():
-    truth = corridor(seed=0).recording.truth
-    for table in (whole().causal(), whole().smoothed()):
-        true = truth.position[table.sample]
-        laid = align(table.position, true).apply(table.position)
-        assert np.linalg.norm(laid - true, axis=1).max() < 0.5
-
-
-@pytest.mark.parametrize(("walk", "options"), [(demo, OnlineOptions()), (in_field, OnlineOptions())])
-def test_the_same_calls_give_the_same_answers_to_the_last_bit(walk, options):
-    one, other = (fed(walk(), options, 20) for _ in range(2))
-    np.testing.assert_array_equal(one.causal().position, other.causal().position)
-    np.testing.assert_array_equal(one.smoothed().pose_cov, other.smoothed().pose_cov)
-
-
-def test_how_far_samples_reach_beyond_a_footfall_hardly_matters():
-    one, other = (fed(demo(), footfalls=20, beyond=beyond) for beyond in (2, 30))
-    assert farthest(one.smoothed(), other.smoothed()) < 0.01
-
-
-def test_a_lag_longer_than_the_walk_is_none():
-    lagged = fed(in_field(), OnlineOptions(lag_s=1000.0))
-    assert farthest(lagged.smoothed(), whole_in_field().smoothed()) < 0.01
-
-
-def test_the_pose_is_carried_on_to_the_next_footfall():
-    walk, online = demo(), fed(demo(), footfalls=20)
-    arrives = int(walk.stances.start[walk.stances.footfall == 20][0]) + 3
-    track = online.propagate(arrives + 1)
-    assert track.t[0] == pytest.approx(walk.recording.t[online.window._stances[-1].samples[-1]])
-    there = track.position[-1]
-    add(online, walk, 20)
-    assert np.linalg.norm(online.latest.position - there) < 0.15
+    # Line by line, and smoothed, it is near the truth; both agree at the last footfall.
+    causal, truth = online().causal(), corridor(seed=0).recording.truth.position[table.sample]
+    for one in (causal, table):
+        assert np.linalg.norm(align(one.position, truth).apply(one.position) - truth, axis=1).max() < 0.5
+    np.testing.assert_allclose(causal.position[-1], table.position[-1], atol=1e-3)
+    assert farthest(causal, table) > 1e-3
 
 
 def test_a_long_standing_given_in_pieces_is_one_rest():
@@ -167,7 +128,6 @@ def test_a_long_standing_given_in_pieces_is_one_rest():
 
 
 def test_a_solution_that_fails_late_leaves_no_trace(monkeypatch):
-    """Nothing of it is left in the walk, whether it has no solution or one that is not finite."""
     solve_only_at(monkeypatch, 1, 4, 8)
     tables = []
     for owner, broken, fails in ((online_smoother, "solve_from_start", 3), (Window, "_note_newest", 8)):
@@ -212,28 +172,11 @@ def test_what_is_no_walk_is_refused():
     assert online.latest is None
 
 
-def test_solutions_come_less_and_less_often_and_one_at_a_time():
-    assert list(AT_ONCE) == sorted(set(AT_ONCE))
-    assert AT_ONCE[0] == 1
-    for has_lag in (False, True):
-        n = AT_ONCE[-1]
-        while n < 20_000:
-            then = choose_next(n, has_lag)
-            assert n + choose_delay(n, has_lag) < then <= 1.8 * n
-            n = then
-
-
-def cut_into_its_last_standing() -> Recording:
-    """A walk whose samples so far end where the foot has stood for half a second after its last step."""
-    recording = short_walk()
-    last = find_rests(recording)[-1]
-    assert len(recording) - last.start > 150
-    return recording.slice(0, last.start + 50)
-
-
 def test_the_end_of_the_samples_makes_no_rest():
-    """Such a standing at the end of a recording is a rest, but a walk in progress does not end there."""
-    recording = cut_into_its_last_standing()
+    walk = short_walk()
+    last = find_rests(walk)[-1]
+    assert len(walk) - last.start > 150
+    recording = walk.slice(0, last.start + 50)
     stances, rests = detect_stances(recording), find_rests(recording)
     assert rests[-1].stop > len(recording) - 25
     assert not rests[-1].lasts(recording, RestParameters().shortest_s)
@@ -241,19 +184,6 @@ def test_the_end_of_the_samples_makes_no_rest():
     assert [rest.start for rest in solved.walk.problem.known.rests] == [rest.start for rest in rests[:-1]]
     ended = solve_so_far(recording, stances, OnlineOptions(use_field=False), has_ended=True)
     assert [rest.start for rest in ended.walk.problem.known.rests] == [rest.start for rest in rests]
-
-
-def test_nor_does_the_end_of_a_window(monkeypatch):
-    solve_only_at(monkeypatch, 1, 2, 3, 4)
-    recording = cut_into_its_last_standing()
-    navigator = OnlineNavigator(replace(NORTH, use_field=False))
-    push(navigator, rows_of(recording))
-    monkeypatch.setattr(OnlineSmoother, "take_end", lambda _: [])  # before it is solved once more
-    navigator.close()
-    assert navigator.footfalls[-1].stop[-1] > len(recording) - 5
-    counted = navigator.smoother.window._rests.counted
-    assert counted is not None
-    assert counted.stop < find_rests(recording)[-1].start
 
 
 def test_the_field_of_a_standing_counts_once_however_it_is_cut():
