@@ -75,24 +75,15 @@ def test_data_frames_by_their_names():
     recording = Recording.from_dataframe(named)
     assert is_the_same(recording)
     assert recording.provenance.notes == ()
+    odd, columns = frame_of("stamp", *"abcdef"), {"acc": ["a", "b", "c"], "gyr": ["d", "e", "f"]}
+    assert is_the_same(Recording.from_dataframe(odd, "time=stamp[ms],acc=a:b:c[g],gyr=d:e:f[deg/s]"), mag=False)
+    assert is_the_same(Recording.from_dataframe(odd, columns, "g, deg/s", rate_hz=100.0), mag=False)
+    dated = named.iloc[:, 1:].set_index(pd.to_datetime(RAW.t, unit="s"))
+    assert is_the_same(Recording.from_dataframe(dated))
     two = named.iloc[:, :7].set_axis(
         pd.MultiIndex.from_tuples([("", "t"), *((s, a) for s in ("acc", "gyr") for a in "xyz")]), axis=1
     )
     assert is_the_same(Recording.from_dataframe(two, units="ms, g, deg/s"), mag=False)
-
-
-def test_data_frames_by_a_mapping_and_by_their_index():
-    odd = frame_of("stamp", *"abcdef")
-    words = "time=stamp[ms],acc=a:b:c[g],gyr=d:e:f[deg/s]"
-    assert is_the_same(Recording.from_dataframe(odd, words), mag=False)
-    columns = {"time": "stamp", "acc": ["a", "b", "c"], "gyr": ["d", "e", "f"]}
-    assert is_the_same(Recording.from_dataframe(odd, columns, "ms, g, deg/s"), mag=False)
-    no_time = {name: columns[name] for name in ("acc", "gyr")}
-    assert is_the_same(Recording.from_dataframe(odd, no_time, "g, deg/s", rate_hz=100.0), mag=False)
-    plain = frame_of("t", "ax", "ay", "az", "gx", "gy", "gz")
-    assert is_the_same(Recording.from_dataframe(plain.set_index("t")), mag=False)
-    dated = plain.drop(columns="t").set_index(pd.to_datetime(RAW.t, unit="s"))
-    assert is_the_same(Recording.from_dataframe(dated), mag=False)
 
 
 @pytest.mark.parametrize(

@@ -3,20 +3,18 @@
 import json
 import sys
 from collections.abc import Iterator
-from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from fg_nav.errors import OutputError, PluginError
+from fg_nav.errors import OutputError
 from fg_nav.plugins import find_plugins
-from fg_nav.report.export import EXPORTS, Export, check_export, find_export
+from fg_nav.report.export import find_export
 from tests.command_line import FgNav
-from tests.report.test_export import MUNICH, walked
 from tests.report.test_export import folder as folder  # a fixture: of a result
 from tests.report.test_export import solution as solution
+from tests.report.test_export import walked
 
 EXAMPLE = Path(__file__).parent / "plugins" / "example"
 
@@ -54,26 +52,4 @@ def test_a_solution_saves_itself_in_it_and_a_refusal_names_it(tmp_path: Path) ->
 def test_without_the_package_the_ending_is_unknown(tmp_path: Path) -> None:
     find_plugins.cache_clear()
     with pytest.raises(OutputError, match=r"'\.wkt': choose one of \.geojson"):
-        find_export(tmp_path / "walk.wkt")
-
-
-@pytest.mark.usefixtures("example")
-def test_a_map_of_another_package_needs_an_origin_and_none_takes_an_ending_of_ours(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    fg_nav_example = import_module("fg_nav_example")
-    monkeypatch.setattr(fg_nav_example, "WKT", replace(fg_nav_example.WKT, needs_origin=True))
-    with pytest.raises(OutputError, match="--origin"):
-        check_export(tmp_path / "walk.wkt")
-    check_export(tmp_path / "walk.wkt", MUNICH)
-    find_plugins.cache_clear()
-    monkeypatch.setattr(fg_nav_example, "WKT", Export(".kml", "another KML", print))
-    assert find_export(tmp_path / "walk.kml") is EXPORTS[".kml"]
-
-
-@pytest.mark.usefixtures("example")
-def test_what_is_no_export_is_refused_in_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    fg_nav_example = import_module("fg_nav_example")
-    monkeypatch.setattr(fg_nav_example, "WKT", print)
-    with pytest.raises(PluginError, match="wkt of the package fg-nav-example is no Export"):
         find_export(tmp_path / "walk.wkt")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fg_nav.commands.requests import complete_formats
-from fg_nav.errors import FormatError, MagneticError, PluginError
+from fg_nav.errors import FormatError, MagneticError
 from fg_nav.io import FORMATS, read_raw
 from fg_nav.io.formats import list_formats
 from fg_nav.lab.field_survey import parse_detectors
@@ -70,9 +70,3 @@ def test_a_detector_of_another_package_is_a_gate() -> None:
     assert parse_detectors("strict,qsf") == ["strict", "qsf"]
     with pytest.raises(MagneticError, match=r"no gate 'lax': choose one of qsf.*, strict\.$"):
         choose_gate("lax")
-
-
-@pytest.mark.usefixtures("installed")
-def test_what_is_of_another_kind_is_refused() -> None:
-    with pytest.raises(PluginError, match="example of the package fg-nav-example is no Detector"):
-        find_plugins("readers", type(find_gate("strict")))
