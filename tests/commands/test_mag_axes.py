@@ -68,11 +68,6 @@ def test_a_calibration_is_of_the_axes_given(fg_nav: FgNav, turned: Path) -> None
     np.testing.assert_allclose(given.hard_iron_uT, right.hard_iron_uT, atol=1e-3)
 
 
-def test_axes_that_are_none_are_refused(fg_nav: FgNav, turned: Path) -> None:
-    assert fg_nav("run", turned, "--mag-axes=x,y").refused("'x,y' names no axes")
-    assert fg_nav("run", turned, "--mag-axes=y,x,z", "--no-mag").refused("--mag-axes")
-
-
 def test_a_stream_is_turned_row_by_row(fg_nav: FgNav, turned: Path) -> None:
     short = Path("short.csv")
     short.write_text("".join(turned.read_text().splitlines(keepends=True)[:2400]))

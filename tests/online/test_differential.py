@@ -34,8 +34,7 @@ def count_calls(monkeypatch: pytest.MonkeyPatch, owner: object, name: str) -> li
     return calls
 
 
-@pytest.mark.parametrize("heading", [0.0, None])
-@pytest.mark.parametrize("parameters", [DEFAULT, WITHOUT_REST])
+@pytest.mark.parametrize(("parameters", "heading"), [(DEFAULT, None), (WITHOUT_REST, 0.0)])
 def test_a_stride_extends_the_graph_and_is_never_solved_in_batch_instead(
     monkeypatch: pytest.MonkeyPatch, parameters: SmootherParameters, heading: float | None
 ) -> None:

@@ -33,15 +33,13 @@ from tests.online.feet_walks import demo_feet, heading_of, heads_known, list_blo
 
 
 @cache
-def walked_with_remarks() -> tuple[list[FeetLine], FeetWalk, list[str]]:
-    """Lines and end of both feet, without the field, whose heading is given, and what was remarked."""
+def walked() -> tuple[list[FeetLine], FeetWalk]:
+    """Lines and end of both feet, without the field, whose heading is given; clocks that fit are not remarked on."""
     remarks: list[str] = []
     navigator = FeetNavigator(heads_known(), remarks.append)
-    return push_feet(navigator), navigator.finish(), remarks
-
-
-def walked() -> tuple[list[FeetLine], FeetWalk]:
-    return walked_with_remarks()[:2]
+    lines = push_feet(navigator)
+    assert not [words for words in remarks if "clocks" in words]
+    return lines, navigator.finish()
 
 
 @cache
@@ -57,32 +55,22 @@ def interpolate(t, path):
     return np.stack([np.interp(t, path.t, column) for column in path.position.T], axis=1)
 
 
-@pytest.mark.parametrize("side", SIDES)
-def test_at_the_end_both_feet_are_where_the_batch_has_them(side: Side) -> None:
+def test_at_the_end_both_feet_and_the_person_are_where_the_batch_has_them() -> None:
     """Found: 9 mm rms, 22 mm at most; in the left foot's frame, whose heading was given."""
-    found, batch = walked()[1].feet[side].stances, getattr(in_batch(), side)
-    apart = np.linalg.norm(found.position - interpolate(found.t, batch), axis=1)
-    assert np.sqrt(np.mean(apart**2)) < 0.02
-    assert apart.max() < 0.05
-
-
-@pytest.mark.parametrize("side", SIDES)
-def test_the_sigmas_are_those_of_both(side: Side) -> None:
-    """Each foot's sigmas come from the graph of both: those of the batch but for what only that counts."""
-    found, batch = walked()[1].feet[side].stances, getattr(in_batch(), side).stances
-    assert found.position_sigma[-1, :2] == pytest.approx(batch.position_sigma[-1, :2], rel=0.1)
-
-
-def test_person_and_width_are_those_of_the_batch() -> None:
-    both, batch = walked()[1].both, in_batch()
-    assert both is not None
-    assert both.width_m == pytest.approx(batch.width_m, abs=0.02)
-    assert both.width_sigma_m == pytest.approx(batch.width_sigma_m, rel=0.1)
-    assert both.person.position[-1] == pytest.approx(batch.person.position[-1], abs=0.05)
+    end, both = walked()[1], in_batch()
+    for side in SIDES:
+        found, batch = end.feet[side].stances, getattr(both, side)
+        apart = np.linalg.norm(found.position - interpolate(found.t, batch), axis=1)
+        assert np.sqrt(np.mean(apart**2)) < 0.02
+        assert apart.max() < 0.05
+        assert found.position_sigma[-1, :2] == pytest.approx(batch.stances.position_sigma[-1, :2], rel=0.1)
+    assert end.both is not None
+    assert end.both.width_m == pytest.approx(both.width_m, abs=0.02)
+    assert end.both.width_sigma_m == pytest.approx(both.width_sigma_m, rel=0.1)
+    assert end.both.person.position[-1] == pytest.approx(both.person.position[-1], abs=0.05)
 
 
 def test_lines_of_both_are_in_one_frame_after_some_strides() -> None:
-    """From the line that says so on, the feet are a step apart; it comes within twenty seconds."""
     lines = [one for one in walked()[0] if isinstance(one.content, StanceEstimate)]
     assert {one.frame for one in lines if one.foot == "left"} == {"left"}
     own = [one.content.t for one in lines if one.frame == "right"]
@@ -93,6 +81,10 @@ def test_lines_of_both_are_in_one_frame_after_some_strides() -> None:
     assert len(pairs) > 60
     for one, other in pairs:
         assert np.linalg.norm(one.content.position - other.content.position) < 1.0
+    others = [line for line in walked()[0] if not isinstance(line.content, StanceEstimate)]
+    assert {line.foot for line in others} == {"left", "right", "person"}
+    for content in (json.loads(words) for line in others for words in format_feet_line(line)):
+        assert list(content)[:3] == ["kind", "foot", "frame"]
 
 
 def test_the_person_is_where_it_was_by_the_sigmas_told() -> None:
@@ -107,6 +99,9 @@ def test_the_person_is_where_it_was_by_the_sigmas_told() -> None:
     error = np.array([one.position for one in people]) - (truth - start)
     sigma = np.sqrt([np.diagonal(one.pose_cov)[:3] for one in people])
     assert np.abs(error[:, :2] / sigma[:, :2]).max() < 3.0
+    ahead = [one.heading for one in people if 22.0 < one.t < 26.0]  # to the south
+    assert len(ahead) > 4
+    assert np.abs(np.degrees(np.angle(np.exp(1j * (np.array(ahead, dtype=float) - np.pi))))).max() < 15.0
     revised = [one.content for one in walked()[0] if one.foot == "person" and isinstance(one.content, Revision)]
     path = revised[-1].path
     assert path[0, 0] < 5.0  # with the steps before the feet were tied
@@ -114,40 +109,10 @@ def test_the_person_is_where_it_was_by_the_sigmas_told() -> None:
     assert np.linalg.norm(path[:, 1:] - (truth - start), axis=1).max() < 0.3
 
 
-def test_a_step_is_told_where_both_feet_go_on_from_one_solution_only() -> None:
-    """Heading not given: the map turns with each solution, which the feet take over a step or two apart.
-
-    Between the first solutions each foot goes on with iron of its own that it does not know yet, and turns by a part of
-    the sigma of north, 10 deg: their distance is less than a step and the sigma of their position.
-    """
-    newest: dict[str, StanceEstimate] = {}
-    apart, unknown = [], []
-    for line in push_feet(FeetNavigator(OnlineOptions(heading_rad=None)), lambda side, t: t < 35.0):
-        if isinstance(line.content, StanceEstimate):
-            newest[line.foot] = line.content
-        if isinstance(line.content, PersonEstimate):
-            apart.append(np.linalg.norm(newest["left"].position - newest["right"].position))
-            unknown.append(np.sqrt(np.trace(newest["left"].pose_cov[:2, :2])))
-    assert len(apart) > 30
-    assert (np.array(apart) < 1.0 + np.array(unknown)).all()
-    assert max(apart[15:]) < 1.0  # the walk was solved again with more footfalls
-
-
-def test_the_direction_of_the_person_is_that_of_walking() -> None:
-    people = [one.content for one in walked()[0] if isinstance(one.content, PersonEstimate)]
-    ahead = [one.heading for one in people if 22.0 < one.t < 26.0]
-    assert len(ahead) > 4
-    assert np.abs(np.degrees(np.angle(np.exp(1j * (np.array(ahead, dtype=float) - np.pi))))).max() < 15.0
-
-
 def test_a_foot_that_is_silent_from_the_start_leaves_the_other_as_it_is_alone() -> None:
-    """To the bit; the silence is told once."""
     found = push_feet(FeetNavigator(heads_known()), lambda side, t: side == "left" and t < 30.0)
     assert [one.content.state for one in found if isinstance(one.content, FootState)] == ["silent"]
     assert line_texts(found, "left") == alone("left", heads_known(), 30.0)
-
-
-def test_a_right_foot_alone_is_in_a_frame_of_its_own() -> None:
     found = push_feet(FeetNavigator(heads_known()), lambda side, t: side == "right" and t < 20.0)
     lines = [one for one in found if isinstance(one.content, StanceEstimate)]
     assert {(one.foot, one.frame) for one in lines} == {("right", "right")}
@@ -155,8 +120,10 @@ def test_a_right_foot_alone_is_in_a_frame_of_its_own() -> None:
 
 def test_a_foot_that_comes_back_joins_again() -> None:
     """Right foot without samples from 20 to 30 s: told once each, and at the end both are within decimetres."""
-    navigator = FeetNavigator(heads_known())
+    remarks: list[str] = []
+    navigator = FeetNavigator(heads_known(), remarks.append)
     found = push_feet(navigator, lambda side, t: t < 43.0 and (side == "left" or not 20.0 <= t < 30.0))
+    assert not [words for words in remarks if "clocks" in words]
     assert [one.content.state for one in found if isinstance(one.content, FootState)] == ["silent", "back"]
     start = demo_feet().left.recording.truth.position[0]
     for side, one in navigator.finish().feet.items():
@@ -176,9 +143,6 @@ def test_a_foot_in_another_unit_is_refused_once_and_the_other_goes_on() -> None:
     assert "in g" in state.content.reason
     assert set(navigator.finish().feet) == {"left"}
     assert "right" in navigator.finish().lost
-
-
-def test_where_neither_foot_can_be_used_the_walk_ends() -> None:
     with pytest.raises(RecordingError, match="in g"):
         push_in_g(FeetNavigator(heads_known()), SIDES)
 
@@ -208,21 +172,7 @@ def test_clocks_that_do_not_fit_are_told_once_with_what_to_begin_again_with(
     assert float(said.rsplit(" ", 1)[1]) == pytest.approx(told_s, abs=0.03)
 
 
-def test_nothing_is_said_of_clocks_that_fit() -> None:
-    assert not [words for words in walked_with_remarks()[2] if "clocks" in words]
-
-
-def test_a_foot_that_was_silent_for_some_seconds_has_a_clock_that_fits() -> None:
-    remarks: list[str] = []
-    navigator = FeetNavigator(heads_known(), remarks.append)
-    for side, rows in list_blocks(lambda side, t: t < 45.0 and (side == "left" or not 14.0 < t < 24.0)):
-        navigator.push(side, rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10])
-    navigator.stop_process()
-    assert not [words for words in remarks if "clocks" in words]
-
-
 def test_a_clock_that_restarts_parts_the_feet() -> None:
-    """Its stamps are set on by a guess: steps by them would be beside the wrong ones."""
     navigator, found = FeetNavigator(heads_known()), []
     for side, rows in list_blocks(lambda side, t: t < 28.0):
         t = rows[:, 0] - (19.0 if side == "right" and rows[0, 0] > 20.0 else 0.0)
@@ -250,15 +200,6 @@ def test_lag_and_fixes_are_refused() -> None:
             FeetNavigator(options)
     with pytest.raises(EstimationError, match="is no time"):
         FeetNavigator(clock_offset_s=np.nan)
-
-
-def test_every_line_says_whose_it_is_and_in_which_frame() -> None:
-    lines = [line for line in walked()[0] if not isinstance(line.content, StanceEstimate)]
-    assert {line.foot for line in lines} == {"left", "right", "person"}
-    for line in lines:
-        for content in map(json.loads, format_feet_line(line)):
-            assert list(content)[:3] == ["kind", "foot", "frame"]
-            assert content["foot"] in ("left", "right", "person")
 
 
 def push_in_g(navigator: FeetNavigator, sides: tuple[Side, ...]) -> list[FeetLine]:

@@ -95,8 +95,7 @@ def ellipse_of(page):
     return json.loads(page.evaluate("canvas.dataset.ellipse"))
 
 
-@pytest.mark.parametrize("scheme", ["dark", "light"])
-@pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
 def test_a_walk_is_shown_as_it_goes_on(visit, server, width, scheme):
     page = visit(server, width, scheme)
     assert count_pixels(page, "--path") == 0
