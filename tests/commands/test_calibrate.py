@@ -50,25 +50,19 @@ def attitudes(rate: Floats, period_s: float) -> Floats:
     return np.array(found)
 
 
-def straight(recording: Recording, seconds: float = 9.0) -> Recording:
-    """The first strides of a walk, which have one heading."""
-    return recording.slice(0, int(seconds / recording.period_s))
-
-
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder with `loop.csv`, `tumbled.csv`, `straight.csv`, `no-mag.csv`."""
     folder = tmp_path_factory.mktemp("recordings")
     loop = simulate("calibration-loop", 101).recording
     write_canonical(loop, folder / "loop.csv")
-    write_canonical(straight(loop), folder / "straight.csv")
+    write_canonical(loop.slice(0, int(9.0 / loop.period_s)), folder / "straight.csv")  # of one heading
     write_canonical(replace(loop, mag=None), folder / "no-mag.csv")
     write_canonical(tumbled(), folder / "tumbled.csv")
     return folder
 
 
 def spread_deg(difference: Floats) -> float:
-    """Circular standard deviation of compass minus gyroscope, rad."""
     resultant = np.abs(np.exp(1j * difference).mean())
     return float(np.degrees(np.sqrt(-2 * np.log(resultant))))
 
@@ -84,6 +78,7 @@ def test_a_calibration_from_a_loop_brings_the_compass_to_the_gyroscope(
     for words in ("hard iron x (uT)", "gyro bias z (deg/s)", "before", "notes", "--calibration deep/cal.json"):
         assert words in ran.out
     assert ("as given" in ran.out) == bool(arguments)
+    assert "acc scale" not in ran.out  # a loop cannot tell it from a bias
     assert read_calibration(Path("deep/cal.json")).recording == "loop.csv"
     ran = fg_nav("detect", files / "loop.csv", "--gate", "qsf", "--out", "cal", "--calibration", "deep/cal.json")
     assert ran.code == 0, ran.err
@@ -97,38 +92,30 @@ def test_a_calibration_from_a_loop_brings_the_compass_to_the_gyroscope(
     assert "by the walk itself" not in ran.out
 
 
-def test_a_sensor_turned_over_is_recognised_and_calibrated(fg_nav: FgNav, files: Path) -> None:
-    ran = fg_nav("calibrate", files / "tumbled.csv", "--out", "cal.json")
-    assert ran.code == 0, ran.err
-    assert "turned over in all directions" in ran.out
-    found = read_calibration(Path("cal.json")).magnetometer
-    assert found is not None
-    off = (found.hard_iron_uT - HARD_IRON) / found.sigma[:3]
-    assert np.abs(off).max() < 5
-    assert found.sigma[:3].max() < 0.1
-
-
 @pytest.mark.parametrize("method", ["ellipsoid", "sphere"])
-def test_a_known_strength_gives_the_scale(fg_nav: FgNav, files: Path, method: str) -> None:
+def test_a_sensor_turned_over_is_calibrated_and_a_known_strength_gives_the_scale(
+    fg_nav: FgNav, files: Path, method: str
+) -> None:
+    chosen = () if method == "ellipsoid" else ("--method", method)
+    ran = fg_nav("calibrate", files / "tumbled.csv", "--out", "plain.json", *chosen)
+    assert ran.code == 0, ran.err
+    assert "turned over in all directions" in ran.out or chosen
+    found = read_calibration(Path("plain.json")).magnetometer
+    assert found is not None
+    assert np.abs((found.hard_iron_uT - HARD_IRON) / found.sigma[:3]).max() < 5
+    assert found.sigma[:3].max() < 0.1
+    assert np.linalg.det(found.correction) == pytest.approx(1.0, abs=1e-6)  # the size of the readings is left
+    assert found.strength_uT == pytest.approx(np.linalg.norm(EARTH) * np.cbrt(np.linalg.det(SOFT_IRON)), abs=0.2)
     strength = float(np.linalg.norm(EARTH))
-    told = ("--method", method, "--strength", strength)
-    assert fg_nav("calibrate", files / "tumbled.csv", "--out", "cal.json", *told).code == 0
+    told = ("--method", method, "--strength", strength, "--json")
+    ran = fg_nav("calibrate", files / "tumbled.csv", "--out", "cal.json", *told)
+    assert json.loads(ran.out)["calibration"] == json.loads(Path("cal.json").read_text())
     found = read_calibration(Path("cal.json")).magnetometer
     assert found is not None
     mag = read(files / "tumbled.csv").mag
     assert mag is not None
     assert np.linalg.norm(found.correct(mag), axis=1).mean() == pytest.approx(strength, abs=0.1)
     assert np.linalg.inv(found.correction) == pytest.approx(SOFT_IRON, abs=0.01)
-
-
-@pytest.mark.parametrize("method", ["ellipsoid", "sphere"])
-def test_an_unknown_strength_leaves_the_size_of_the_readings(fg_nav: FgNav, files: Path, method: str) -> None:
-    ran = fg_nav("calibrate", files / "tumbled.csv", "--out", "cal.json", "--method", method, "--json")
-    assert json.loads(ran.out)["calibration"] == json.loads(Path("cal.json").read_text())
-    found = read_calibration(Path("cal.json")).magnetometer
-    assert found is not None
-    assert np.linalg.det(found.correction) == pytest.approx(1.0, abs=1e-6)
-    assert found.strength_uT == pytest.approx(np.linalg.norm(EARTH) * np.cbrt(np.linalg.det(SOFT_IRON)), abs=0.2)
 
 
 def test_run_and_compare_tell_what_was_corrected(fg_nav: FgNav, files: Path) -> None:
@@ -151,6 +138,16 @@ def test_run_and_compare_tell_what_was_corrected(fg_nav: FgNav, files: Path) -> 
     pd.testing.assert_frame_equal(bias, plain_bias)  # of a calibration the gyroscope's bias is not taken off
     ran = fg_nav("compare", files / "loop.csv", "--methods", "iez", "--calibration", "cal.json", "--out", "both")
     assert json.loads(Path("both/iez/config.json").read_text())["calibration"]["corrected"] == ["magnetometer (walk)"]
+    # without the magnetometer its calibration is left out
+    told = ("--method", "iez", "--calibration", "cal.json")
+    assert fg_nav("run", files / "loop.csv", *told, "--no-mag", "--out", "bare").code == 0
+    assert json.loads(Path("bare/config.json").read_text())["calibration"]["corrected"] == []
+    assert "corrected by the calibration: nothing" in Path("bare/report.html").read_text()
+    assert fg_nav("run", files / "no-mag.csv", *told, "--out", "none").refused("no magnetometer")
+    for name, content in {"cut.json": "{", "foreign.json": "{}", "none.json": None}.items():
+        if content is not None:
+            Path(name).write_text(content)
+        assert fg_nav("run", files / "loop.csv", "--calibration", name, "--out", "none").refused(name)
 
 
 def test_an_accelerometer_is_corrected_where_scale_and_bias_are_known(fg_nav: FgNav, files: Path) -> None:
@@ -169,50 +166,16 @@ def test_an_accelerometer_is_corrected_where_scale_and_bias_are_known(fg_nav: Fg
     assert distance["cal"] / distance["scaled"] == pytest.approx(1.02, abs=0.01)
 
 
-def test_without_the_magnetometer_its_calibration_is_left_out(fg_nav: FgNav, files: Path) -> None:
-    assert fg_nav("calibrate", files / "loop.csv", "--out", "cal.json").code == 0
-    told = ("--method", "iez", "--calibration", "cal.json")
-    ran = fg_nav("run", files / "loop.csv", *told, "--no-mag", "--out", "out")
-    assert ran.code == 0, ran.err
-    assert json.loads(Path("out/config.json").read_text())["calibration"]["corrected"] == []
-    assert "corrected by the calibration: nothing" in Path("out/report.html").read_text()
-    assert fg_nav("run", files / "no-mag.csv", *told, "--out", "none").refused("no magnetometer")
-    assert not Path("none").exists()
-
-
-def test_only_an_older_calibration_is_replaced_and_only_with_force(fg_nav: FgNav, files: Path) -> None:
-    arguments = ("calibrate", files / "tumbled.csv", "--out", "cal.json")
-    assert fg_nav(*arguments).code == 0
-    first = Path("cal.json").read_text().replace("{", "{ ", 1)
-    Path("cal.json").write_text(first)
-    assert fg_nav(*arguments).refused("cal.json already exists", "--force")
-    assert Path("cal.json").read_text() == first
-    assert fg_nav(*arguments, "--force").code == 0
-    assert Path("cal.json").read_text() != first
-    Path("mine.csv").write_text("my measurements")
-    assert fg_nav("calibrate", files / "tumbled.csv", "--out", "mine.csv", "--force").refused(
-        "mine.csv", "name another file"
-    )
-    assert Path("mine.csv").read_text() == "my measurements"
-    Path("folder").mkdir()
-    assert fg_nav("calibrate", files / "tumbled.csv", "--out", "folder", "--force").refused("folder is a folder")
-    assert fg_nav("calibrate", files / "tumbled.csv", "--out", "mine.csv/cal.json").refused("mine.csv is no folder")
-    assert names(Path()) == {"cal.json", "mine.csv", "folder"}
-
-
 @pytest.mark.parametrize(
     ("recording", "arguments", "words"),
     [
         ("no-mag.csv", ["--method", "walk"], ["no magnetometer"]),
         ("straight.csv", [], ["walk"]),
-        ("straight.csv", ["--method", "levelled"], []),
         ("loop.csv", ["--method", "magic"], ["no method 'magic'", *METHODS]),
         ("loop.csv", ["--strength", "48"], ["'walk'", "strength", "ellipsoid"]),
-        ("tumbled.csv", ["--strength", "-3"], ["-3"]),
         ("tumbled.csv", ["--strength", "nan"], ["nan"]),
         ("tumbled.csv", ["--strength", "48", "--place", "48,11,2025-01-01"], ["--strength", "--place"]),
         ("tumbled.csv", ["--place", "the moon"], ["the moon"]),
-        ("tumbled.csv", ["--method", "walk"], []),
         ("nothing.csv", [], ["nothing.csv"]),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else value,
@@ -222,15 +185,6 @@ def test_what_cannot_be_calibrated_is_refused_in_one_line(
 ) -> None:
     assert fg_nav("calibrate", files / recording, "--out", "cal.json", *arguments).refused(*words)
     assert not names(Path())
-
-
-def test_a_broken_calibration_is_refused_before_the_work(fg_nav: FgNav, files: Path) -> None:
-    for name, content in {"cut.json": "{", "foreign.json": "{}", "walk.csv": "time_s\n1\n"}.items():
-        Path(name).write_text(content)
-        for command in ("run", "compare", "detect"):
-            assert fg_nav(command, files / "loop.csv", "--calibration", name, "--out", "out").refused(name)
-    assert fg_nav("run", files / "loop.csv", "--calibration", "none.json").refused("none.json does not exist")
-    assert names(Path()) == {"cut.json", "foreign.json", "walk.csv"}
 
 
 @pytest.fixture(scope="module")

@@ -1,10 +1,8 @@
 """The end of a stream where the disk is full, or nobody reads: what can be written is, and what is lost is said."""
 
 import errno
-import io
 import json
 import os
-import signal
 import sys
 from dataclasses import replace
 from functools import partial
@@ -13,14 +11,13 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from fg_nav import cli
 from fg_nav.commands import stream
 from fg_nav.commands.shared import Target
 from fg_nav.commands.stream import End, LinePrinter, save_end
 from fg_nav.errors import OutputError
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import rows_of
-from fg_nav.online.follow import ENDING, FollowedWalk
+from fg_nav.online.follow import FollowedWalk
 from fg_nav.report.files import summarize_lagged, write_footfalls, write_lagged
 from tests.command_line import names
 from tests.online.walks import NORTH, push, short_walk
@@ -51,14 +48,11 @@ def save(end, out) -> OutputError | None:
         return save_end(end, target, "none")
 
 
-def test_where_there_is_room_all_is_written(end, tmp_path):
-    assert save(end, tmp_path / "out") is None
-    assert names(tmp_path / "out") == {"online.csv", "strides.csv", "summary.json", "trajectory.tum"}
-
-
 def test_on_a_full_disk_the_footfalls_are_saved_where_there_is_room_and_it_says_where(
     end, solution, tmp_path, monkeypatch
 ):
+    assert save(end, tmp_path / "room") is None
+    assert names(tmp_path / "room") == {"online.csv", "strides.csv", "summary.json", "trajectory.tum"}
     monkeypatch.setattr(stream.tempfile, "tempdir", str(tmp_path / "tmp"))
     (tmp_path / "tmp").mkdir()
     out, end = tmp_path / "out", replace(end, write=fail)
@@ -91,12 +85,6 @@ def test_lines_that_cannot_be_written_do_not_end_the_walk(monkeypatch, capsys):
     assert "the lines cannot be written any more (no space left on device)" in said
 
 
-def test_remarks_that_cannot_be_said_do_not_end_the_walk(monkeypatch):
-    with open(os.devnull) as unwritable:
-        monkeypatch.setattr(sys, "stderr", io.TextIOWrapper(io.FileIO(unwritable.fileno(), closefd=False)))
-        stream.remark("nobody hears this")
-
-
 def test_a_walk_whose_lines_were_lost_is_written_into_a_fresh_folder(end, fg_nav, monkeypatch):
     monkeypatch.setattr(stream, "run_stream", lambda request, outlets: FollowedWalk({}, {}, None))
     monkeypatch.setattr(stream, "find_end", lambda walk, polish: replace(end, format_lines=lambda: ["{}"]))
@@ -108,19 +96,3 @@ def test_a_walk_whose_lines_were_lost_is_written_into_a_fresh_folder(end, fg_nav
     assert "no reader any more" in ran.err
     summary = json.loads(Path("results/stream-1/summary.json").read_text())
     assert summary["strides"] >= 5
-
-
-def test_a_terminal_that_is_gone_ends_the_walk_as_ctrl_c_does():
-    assert set(ENDING) == {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
-
-
-def test_standard_streams_that_are_closed_are_led_nowhere(monkeypatch):
-    opened = []
-    with monkeypatch.context() as closed:
-        closed.setattr(cli.os, "fstat", lambda number: (_ for _ in ()).throw(OSError) if number == 1 else None)
-        closed.setattr(cli.os, "open", lambda path, flags: opened.append(path))
-        closed.setattr(cli, "open", lambda path, mode: io.StringIO(), raising=False)
-        closed.setattr(sys, "stdout", None)
-        cli._open_outputs()
-        written = sys.stdout.write("goes nowhere")
-    assert (opened, written) == ([os.devnull], 12)

@@ -55,18 +55,6 @@ def test_lines_and_files_of_both_feet_and_of_the_person(fg_nav, sources, tmp_pat
     assert np.linalg.norm(person.position - beside, axis=1).max() < 1.0
 
 
-def test_what_is_of_one_sensor_is_refused(fg_nav, sources) -> None:
-    left, right = sources
-    feet = ("--mount", "feet")
-    assert fg_nav("stream", left, *feet).refused("takes two sources")
-    assert fg_nav("stream", left, left, *feet).refused("is named twice")
-    assert fg_nav("stream", left, right).refused("is for --mount feet: add that")
-    assert fg_nav("stream", left, "--clock-offset", "1").refused("is for --mount feet: add that")
-    for option in (("--lag", "60"), ("--fixes", "f.csv"), ("--record", "r.csv"), ("--resume",), ("--polish",)):
-        assert fg_nav("stream", left, right, *feet, *option).refused(f"{option[0]} is for --mount foot")
-    assert fg_nav("stream", left, right, *feet, "--calibration", "one.json").refused("--calibration A,B")
-
-
 def test_rows_are_merged_by_their_stamps() -> None:
     """A file gives seconds at once: no foot runs ahead, and nothing is lost or changed."""
     merge, rows = FeetMerge(), np.zeros((500, 11))
