@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from fg_nav.errors import EstimationError
-from fg_nav.frames import yaw_rotation
 from fg_nav.online.buffer import OnlineOptions
 from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import Recording
@@ -29,13 +28,13 @@ def test_true_fixes_pass_whatever_their_order_and_those_of_a_lift() -> None:
     check_fixes_on_path(walked, np.array([0.0, 30.0, 80.0, 99.0]), path, np.zeros(4))
 
 
-def test_of_two_groups_of_fixes_a_walk_is_laid_on_the_one_with_the_smaller_sigmas() -> None:
-    walked = np.column_stack([np.arange(40.0), 5.0 * np.sin(0.3 * np.arange(40.0))])
-    sigma = np.where(np.arange(40) % 2, 0.5, 20.0)
-    place = walked @ yaw_rotation(0.8)[:2, :2].T + [3.0, -2.0] + np.outer(sigma > 1.0, [15.0, 9.0])
-    turn, shift = find_turn(walked, FixColumns(np.arange(40.0), place, sigma))
-    assert turn == pytest.approx(0.8, abs=0.1)
-    np.testing.assert_allclose(shift, [3.0, -2.0], atol=1.5)
+def test_a_third_of_the_fixes_off_by_fifty_sigmas_moves_a_walk_by_a_tenth_of_one() -> None:
+    k, sigma_m = np.arange(40.0), 0.01
+    walked = np.column_stack([k, 5.0 * np.sin(0.3 * k)])
+    place = -walked + np.outer(k % 3 == 0, [50.0 * sigma_m, 0.0])  # turned by half a turn
+    turn, shift = find_turn(walked, FixColumns(k, place, np.full(40, sigma_m)))
+    assert abs(turn) == pytest.approx(np.pi)
+    assert np.linalg.norm(shift) < 0.1 * sigma_m
 
 
 @pytest.mark.parametrize(

@@ -96,22 +96,13 @@ def test_places_are_not_overwritten_without_force(fg_nav: FgNav, files: Path, sa
 
 
 def test_what_has_no_use_of_places_is_refused(fg_nav: FgNav, files: Path, saved: Path) -> None:
+    write_canonical(replace(read(files / "first.csv"), mag=None, truth=None), Path("bare.csv"))
+    assert fg_nav("run", "bare.csv", "--save-places", "bare.places").refused("there is no magnetometer")
     run = ("run", files / "first.csv", "--places", saved)
     assert fg_nav(*run, "--method", "iez").refused("iez makes no use of saved places")
-    assert fg_nav(*run, "--no-mag").refused("--no-mag")
     Path("fixes.csv").write_text("time_s,x_m,y_m,z_m,sigma_m\n20,1,2,,1\n")
     assert fg_nav(*run, "--fixes", "fixes.csv").refused("give one of them")
     assert fg_nav("run", files / "first.csv", "--places", "none").refused("none does not exist")
-    both = ("run", files / "first.csv", files / "other.csv", "--save-places", "two")
-    assert fg_nav(*both).refused("--save-places is of one recording")
-
-
-def test_a_walk_without_a_magnetometer_has_no_places_and_is_refused_before_the_work(
-    fg_nav: FgNav, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("fg_nav.commands.run.navigate", None)
-    write_canonical(replace(simulate("demo", 5).recording, mag=None, truth=None), Path("bare.csv"))
-    assert fg_nav("run", "bare.csv", "--save-places", "bare.places").refused("there is no magnetometer")
 
 
 def test_the_result_of_a_walk_too_short_for_places_is_written_and_the_reason_told(fg_nav: FgNav, files: Path) -> None:
