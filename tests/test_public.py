@@ -70,6 +70,8 @@ def once(navigate: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def test_every_public_name_shows_an_example() -> None:
+    assert dir(fg_nav) == sorted(fg_nav.__all__)
+    assert not [name for name in dir(fg_nav) if importlib.util.find_spec(f"fg_nav.{name}")]  # would stand in its place
     assert [name for name in dir(fg_nav) if ">>> " not in (inspect.getdoc(getattr(fg_nav, name)) or "")] == []
 
 
@@ -81,12 +83,6 @@ def test_examples_are_true(walk: Recording) -> None:
             runner.run(example, out=said.append)
     assert "".join(said) == ""
     assert runner.summarize(verbose=False).attempted > 30
-
-
-@pytest.mark.parametrize("name", dir(fg_nav))
-def test_no_module_takes_the_place_of_a_public_name(name: str) -> None:
-    """What is imported as `fg_nav.navigate` would stand there in place of the function."""
-    assert importlib.util.find_spec(f"fg_nav.{name}") is None
 
 
 def test_the_page_on_python_is_true(walk: Recording, capsys: pytest.CaptureFixture[str]) -> None:
@@ -115,6 +111,8 @@ def test_a_solution_alone_is_saved_and_drawn(walk: Recording) -> None:
         solution.save("mine")
     with pytest.raises(fg_nav.FgNavError, match=r"nothing is written as '\.xyz'"):
         solution.save("mine.xyz")
+    with pytest.raises(fg_nav.FgNavError, match="iez makes no use of extra factors"):
+        fg_nav.navigate(walk, "iez", extra=lambda _: None)
     axes = solution.plot()
     assert solution.plot(axes) is axes
     np.testing.assert_array_equal(solution.to_dataframe()[["x_m", "y_m", "z_m"]].to_numpy(), solution.position)
@@ -130,8 +128,3 @@ def test_two_feet_are_saved_and_drawn(walk: Recording) -> None:
     assert result.save("both.geojson", origin=(48.0, 11.0)).stat().st_size > 0
     assert result.plot().get_xlabel() == "x (m)"
     assert len(result.to_dataframe(footfalls=True)) == len(result.stances)
-
-
-def test_own_factors_are_for_methods_with_a_graph(walk: Recording) -> None:
-    with pytest.raises(fg_nav.FgNavError, match="iez makes no use of extra factors"):
-        fg_nav.navigate(walk, "iez", extra=lambda _: None)

@@ -4,7 +4,6 @@ import asyncio
 import json
 import os
 import signal
-import socket
 import threading
 import time
 from contextlib import closing
@@ -14,13 +13,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from fg_nav.columns.mapping import CANONICAL
-from fg_nav.errors import FormatError
+from fg_nav.commands import stream
+from fg_nav.commands.stream import LinePrinter
 from fg_nav.io import write_canonical
-from fg_nav.io.writing import format_rows
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import rows_of
-from fg_nav.online.estimates import format_table
 from fg_nav.online.follow import Sensor, StreamOptions, follow
 from fg_nav.online.rows import RowReader
 from fg_nav.online.sources import TextSource, open_source
@@ -31,11 +28,8 @@ from tests.online.walks import NORTH, push, short_walk, worst_difference
 
 @pytest.fixture(autouse=True)
 def waits_for_solutions(monkeypatch):
-    """However slow the machine is: a walk that goes on without a late solution has other digits."""
+    """However slow the machine is."""
     monkeypatch.setattr("fg_nav.online.smoother.FAST", 0.0)
-
-
-HEADER = b"time_s,acc_x_m_s2,acc_y_m_s2,acc_z_m_s2,gyr_x_rad_s,gyr_y_rad_s,gyr_z_rad_s\n"
 
 
 @pytest.fixture(scope="module")
@@ -87,17 +81,6 @@ def cut(data: bytes, n: int) -> list[bytes]:
     return [data[a:b] for a, b in zip([0, *edges], [*edges, len(data)], strict=True)]
 
 
-def test_what_is_lost_on_the_way_stands_in_the_notes():
-    """Of datagrams and samples; the walk is too short for a footfall."""
-    rows = np.delete(rows_of(short_walk())[:300], [50, 120, 121], axis=0)
-    source = Pieces(",".join(CANONICAL).encode() + b"\n" + "".join(format_rows(rows, "%r", ",")).encode())
-    source.lost = 2
-    navigator, _, remarks = followed(source)
-    assert navigator.lost == {"samples": 3, "came": 297, "datagrams": 2}
-    assert any("3 samples of 300" in words for words in remarks)
-    assert any("2 datagrams" in words for words in remarks)
-
-
 def test_a_line_for_each_footfall(csv, whole):
     navigator, lines, remarks = followed(Pieces(*cut(csv.read_bytes(), 50)))
     assert worst_difference(navigator.causal(), whole.causal()) < 1e-9
@@ -113,34 +96,6 @@ def test_a_line_for_each_footfall(csv, whole):
     assert remarks == []
 
 
-def test_a_line_has_the_stamp_of_the_sensor_where_that_is_another(csv):
-    header, *rows = csv.read_bytes().splitlines(keepends=True)
-    later = [b"1000000%s,%s" % tuple(row.split(b",", 1)) for row in rows[700:]]
-    navigator, lines, remarks = followed(Pieces(b"".join([header, *rows[:700], *later])))
-    assert any("set back by" in words for words in remarks)
-    lines = of_now(lines)
-    sent_t = np.array([float(row.split(b",")[0]) for row in rows[:700] + later])
-    sample = navigator.causal().sample
-    assert 2 < (sample >= 700).sum() < len(sample) - 2
-    for line, i in zip(lines, sample.tolist(), strict=True):
-        assert ("sensor_t" in line) == (i >= 700)
-        assert line.get("sensor_t", line["t"]) == pytest.approx(sent_t[i], abs=1e-8)
-    smoothed = [json.loads(line) for line in format_table(navigator.smoothed(), navigator.intake.sensor_time)]
-    assert [line.get("sensor_t") for line in smoothed] == [line.get("sensor_t") for line in lines]
-
-
-def test_bad_rows_are_left_out_and_told_once(csv, whole):
-    rows = csv.read_bytes().splitlines(keepends=True)
-    bad = [b"1,2,3\n", b"\xff\xfe,,,,,,,,,\n", b"1," * 40 + b"\n", b"x,0,0,9.8,0,0,0,0,0,0\n", b"\n", rows[0]]
-    for i, line in enumerate(bad):
-        rows.insert(100 + 50 * i, line)
-    navigator, _, remarks = followed(Pieces(b"".join(rows)))
-    assert worst_difference(navigator.causal(), whole.causal()) < 1e-9
-    assert len(remarks) == 2
-    assert "line 101" in remarks[0]
-    assert "4 rows" in remarks[1]
-
-
 def test_a_stalled_source_is_told_and_waited_for(csv, whole):
     data = csv.read_bytes()
     middle = data.index(b"\n", len(data) // 2) + 5
@@ -151,13 +106,6 @@ def test_a_stalled_source_is_told_and_waited_for(csv, whole):
     assert "again" in remarks[1]
     over, _, _ = followed(Pieces(data[:middle], data[middle:], silent=10**6), until_silent_s=0.1)
     assert 0 < len(over.footfalls) < len(whole.footfalls)
-
-
-def test_without_a_header_there_is_no_walk(csv):
-    rows = csv.read_bytes().splitlines(keepends=True)
-    for data in (b"", b"".join(rows[1:10]), rows[0].replace(b"acc_y_m_s2", b"acc_y") + rows[1]):
-        with pytest.raises(FormatError, match=r"header|no column"):
-            followed(Pieces(data))
 
 
 def test_a_growing_file_is_followed(csv, whole, tmp_path):
@@ -180,38 +128,6 @@ def test_a_growing_file_is_followed(csv, whole, tmp_path):
     assert worst_difference(navigator.causal(), whole.causal()) < 1e-9
 
 
-def test_a_connection_is_followed(csv, whole):
-    data = csv.read_bytes()
-    door = socket.create_server(("127.0.0.1", 0))
-
-    def serve() -> None:
-        connection, _ = door.accept()
-        connection.sendall(data)
-        connection.close()
-
-    threading.Thread(target=serve, daemon=True).start()
-    with closing(open_source(f"tcp://127.0.0.1:{door.getsockname()[1]}", None, 115200, print)) as source:
-        navigator, _, _ = followed(source, until_silent_s=1.0)
-    door.close()
-    assert worst_difference(navigator.causal(), whole.causal()) < 1e-9
-
-
-@pytest.mark.parametrize(
-    "source", ["no such file", "ftp://here:1", "tcp://127.0.0.1", "tcp://no.such.host.invalid:1", "udp://:99999"]
-)
-def test_a_source_that_is_none_is_refused_in_one_line(fg_nav, source):
-    assert fg_nav("stream", source).refused(source)
-
-
-def test_what_cannot_be_together_is_refused(fg_nav, csv, tmp_path):
-    assert fg_nav("stream", csv, "--lag", 60, "--polish").refused("--lag", "--polish")
-    assert fg_nav("stream", csv, "--silence", 0).refused("--silence")
-    assert fg_nav("stream", csv, "--heading", "nan").refused("nan")
-    (tmp_path / "x.csv").write_text("something else")
-    assert fg_nav("stream", csv, "--record", tmp_path / "x.csv", "--resume").refused("not recorded by")
-    assert fg_nav("stream", csv, "--resume").refused("--record")
-
-
 def test_rows_without_a_header_are_walked_by_their_columns(fg_nav, csv, tmp_path):
     """And a walk that is resumed has the same."""
     path = tmp_path / "rows.csv"
@@ -223,38 +139,34 @@ def test_rows_without_a_header_are_walked_by_their_columns(fg_nav, csv, tmp_path
     assert told[0] == told[1]
     assert len(told[0]) > 5
     assert fg_nav(*words, "t,ay,ax,az,gx,gy,gz,mx,my,mz").refused("--columns", "x.csv")
-    assert fg_nav("stream", path, "--columns", "t,ax").refused("--columns lacks")
+    (tmp_path / "y.csv").write_text("something else")
+    assert fg_nav("stream", csv, "--record", tmp_path / "y.csv", "--resume").refused("not recorded by")
 
 
 POLISHED = {"trajectory_polished.tum", "strides_polished.csv"}
 
 
-def test_the_end_is_written_as_by_run(fg_nav, csv, tmp_path):
-    ran = fg_nav("stream", csv, "--heading", 0, "--silence", 0.3, "--out", tmp_path / "out")
-    assert ran.code == 0
-    assert {"trajectory.tum", "strides.csv", "online.csv", "summary.json", "config.json"} <= names(tmp_path / "out")
-    assert not POLISHED & names(tmp_path / "out")
-    lines = of_now([json.loads(line) for line in ran.out.splitlines()])
-    strides, online = (pd.read_csv(tmp_path / "out" / name) for name in ("strides.csv", "online.csv"))
-    assert len(strides) == len(online) == sum(not line["continues"] for line in lines)
-    assert np.allclose(online["x_m"], [line["position_m"][0] for line in lines if not line["continues"]], atol=1e-5)
-    assert json.loads((tmp_path / "out/summary.json").read_text())["method"] == "online"
-    again = fg_nav("stream", csv, "--heading", 0, "--silence", 0.3, "--out", tmp_path / "out")
-    assert again.refused("--force")
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
-def test_a_signal_ends_the_walk_and_not_its_result(fg_nav, csv, tmp_path, number):
-    """The pipe stays open: only the signal ends it, and no earlier than most of the walk was read."""
+def test_a_signal_ends_the_walk_and_not_its_result(fg_nav, csv, tmp_path, monkeypatch, number):
+    """The pipe stays open: only the signal ends it, once most of the walk was printed."""
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
-    ended = threading.Event()
+    printed, ended = threading.Semaphore(0), threading.Event()
+
+    class Noted(LinePrinter):
+        def __call__(self, line: str) -> None:
+            super().__call__(line)
+            if '"now"' in line:
+                printed.release()
+
+    monkeypatch.setattr(stream, "LinePrinter", Noted)
 
     def write() -> None:
         with pipe.open("wb") as file:
             file.write(csv.read_bytes())
             file.flush()
-            time.sleep(0.3)
+            for _ in range(8):
+                printed.acquire(timeout=60.0)
             os.kill(os.getpid(), number)
             ended.wait(30.0)
 
@@ -278,9 +190,13 @@ def test_polished_both_are_written_with_their_gap(fg_nav, csv, whole, tmp_path):
     no_plots = ("--plots", "none")
     assert fg_nav("run", *given, tmp_path / "run", "--method", "online", *no_plots).code == 0
     assert fg_nav("stream", *given, tmp_path / "stream", "--silence", 0.3).code == 0
+    ran = fg_nav("stream", *given[:-1], "--silence", 0.3)
+    kinds = [json.loads(line)["kind"] for line in ran.out.splitlines()]
+    assert kinds.count("polished") == kinds.count("smoothed") == 13
+    assert kinds.index("polished") > kinds.index("smoothed") > kinds.index("now")
     assert fg_nav("run", csv, "--heading", 0, "--out", tmp_path / "batch", *no_plots).code == 0
     assert fg_nav("run", csv, "--heading", 0, "--method", "online", "--out", tmp_path / "plain", *no_plots).code == 0
-    for place in ("run", "stream"):
+    for place in ("run", "stream"):  # which write the same
         assert names(tmp_path / place) >= {"online.csv", "strides.csv"} | POLISHED
         online, polished, moment = (
             pd.read_csv(tmp_path / place / name) for name in ("strides.csv", "strides_polished.csv", "online.csv")
@@ -299,13 +215,6 @@ def test_polished_both_are_written_with_their_gap(fg_nav, csv, whole, tmp_path):
     plain = json.loads((tmp_path / "plain" / "summary.json").read_text())
     assert not POLISHED & names(tmp_path / "plain")
     assert not [key for key in plain if "polish" in key]
-
-
-def test_polished_lines_follow_the_smoothed_ones(fg_nav, csv):
-    ran = fg_nav("stream", csv, "--heading", 0, "--silence", 0.3, "--polish")
-    kinds = [json.loads(line)["kind"] for line in ran.out.splitlines()]
-    assert kinds.count("polished") == kinds.count("smoothed") == 13
-    assert kinds.index("polished") > kinds.index("smoothed") > kinds.index("now")
 
 
 def test_with_a_lag_the_footfalls_are_written(fg_nav, csv, tmp_path):
