@@ -141,13 +141,13 @@ def test_strides_without_footfalls_are_seen_between_and_at_the_ends() -> None:
                       footfall=walk.stances.footfall[kept])  # fmt: skip
     cut = measure_time_without_footfall(WalkSigns(replace(walk, stances=stances), solution))
     assert cut.weight > 2
-    # a swing of 3.5 times the usual one is overdue
+    # where one footfall is missing the next is overdue
     swing_s = np.median(np.diff(solution.stances.t))
-    kept = ~np.isin(walk.stances.footfall, [20, 21, 22])
+    kept = walk.stances.footfall != 21
     stances_of_gap = replace(walk.stances, start=walk.stances.start[kept], stop=walk.stances.stop[kept],
                              footfall=np.unique(walk.stances.footfall[kept], return_inverse=True)[1])  # fmt: skip
     gap = measure_time_without_footfall(WalkSigns(replace(walk, stances=stances_of_gap), solution))
-    assert float(gap.words.split(" s ")[0]) == pytest.approx(4.0 * swing_s, abs=swing_s)
+    assert float(gap.words.split(" s ")[0]) == pytest.approx(2.0 * swing_s, rel=0.3)
     lost_s = float(cut.words.split(" s ")[0])
     assert lost_s == pytest.approx(demo().t[-1] - demo().t[stances.stop[-1]], abs=0.1)
 
