@@ -1,11 +1,11 @@
-"""Fixes of a receiver from the tables of apps, and from one of the user's own."""
+"""Fixes: of a receiver from the tables of apps and from one's own, and of known positions."""
 
 import numpy as np
 import pytest
 from pymap3d import enu2geodetic
 
 from fg_nav.errors import FormatError
-from fg_nav.io import read_gnss
+from fg_nav.io import read_fixes, read_gnss
 from tests.real_data import DATA, needs_data
 
 PHYPHOX = '"Time (s)","Latitude (°)","Longitude (°)","Height (m)","Velocity (m/s)","Horizontal Accuracy (m)"\n'
@@ -60,33 +60,61 @@ def test_a_table_of_ones_own(tmp_path):
     assert [fix.time_s for fix in read_gnss(table).fixes] == [1.0, 3.0]
 
 
-@pytest.mark.parametrize(
-    ("text", "problem"),
-    [
+def test_what_holds_no_fixes_is_refused_in_a_sentence(tmp_path):
+    table = tmp_path / "fixes.csv"
+    for text, problem in (
         ("time_s,latitude,longitude\n1,48,11\n", "no column of accuracy"),
         ("t,x_m,y_m\n1,2,3\n", "no column of time, latitude, longitude, accuracy"),
         ("t,lat,lon,accuracy\n1,48,11,0\n", "no fix with an accuracy above zero"),
-    ],
-)
-def test_what_holds_no_fixes_is_refused_in_a_sentence(tmp_path, text, problem):
-    table = tmp_path / "fixes.csv"
-    table.write_text(text)
-    with pytest.raises(FormatError, match=problem):
-        read_gnss(table)
-
-
-def test_a_folder_without_a_location_is_refused(tmp_path):
-    (tmp_path / "Gyroscope.csv").write_text("time,seconds_elapsed,z,y,x\n10,0.25,0,0,0\n")
+    ):
+        table.write_text(text)
+        with pytest.raises(FormatError, match=problem):
+            read_gnss(table)
     with pytest.raises(FormatError, match=r"no Location\.csv"):
         read_gnss(tmp_path)
 
 
 @needs_data
 def test_real_phones():
-    assert DATA is not None
     for path in sorted((DATA / "pocket_gnss").glob("*.zip")):
         gnss = read_gnss(path)
         assert len(gnss.fixes) > 200
         assert np.abs([fix.position[:2] for fix in gnss.fixes]).max() < 1000.0
     own = next((DATA / "mtig710").glob("*.gnss.csv.gz"))
     assert len(read_gnss(own).fixes) > 50
+
+
+HEADER = "time_s,x_m,y_m,z_m,sigma_m"
+
+
+def written(folder, *lines):
+    path = folder / "fixes.csv"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_fixes_are_read_by_name_and_an_empty_height_is_not_known(tmp_path):
+    flat, full = read_fixes(written(tmp_path, HEADER, "12.5,3,-4,,0.2", "20,1,2,3.5,1"))
+    assert (flat.time_s, flat.horizontal_sigma_m, flat.vertical_sigma_m) == (12.5, 0.2, np.inf)
+    np.testing.assert_array_equal(flat.position, [3.0, -4.0, 0.0])
+    assert (full.time_s, full.horizontal_sigma_m, full.vertical_sigma_m) == (20.0, 1.0, 1.0)
+    np.testing.assert_array_equal(full.position, [1.0, 2.0, 3.5])
+    (fix,) = read_fixes(written(tmp_path, "sigma_m,point,z_m,y_m,x_m,time_s", "0.1,A,7,6,5,4"))
+    assert (fix.time_s, *fix.position, fix.horizontal_sigma_m) == (4.0, 5.0, 6.0, 7.0, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("lines", "words"),
+    [
+        (["time_s,x_m,y_m,sigma_m", "1,2,3,4"], "no column 'z_m'"),
+        ([HEADER], "no samples"),
+        ([HEADER, "1,2,3,4,0.1", "2,three,3,,1"], "line 3, column 'x_m'"),
+        ([HEADER, "1,2,3,4,0.1", "2,,3,,1"], "line 3 lacks a number"),
+        ([HEADER, "1,2,3,inf,0.1"], "line 2 lacks a number"),
+        ([HEADER, "1,2,3,,"], "line 2 lacks a number"),
+        ([HEADER, "1,2,3,,1", "", "1,2,3,,0"], "line 4 has no sigma above zero"),
+    ],
+)
+def test_what_is_no_fix_is_refused(tmp_path, lines, words):
+    with pytest.raises(FormatError, match=words):
+        read_fixes(written(tmp_path, *lines))
