@@ -6,12 +6,13 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 
 from fg_nav.recording import RawRecording
 from tests.io.foreign_phones import PHONES, Phone, write_files
 from tests.io.foreign_sensors import FOREIGN, write_metawear, write_ximu3
-from tests.io.samples import WRITERS
+from tests.io.samples import NEEDS, TABLES, WRITERS
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,11 @@ def _write_one(write: Callable[[RawRecording, Path], None], raw: RawRecording, f
     path = folder / "walk.mat"  # a name that scipy does not change
     write(raw, path)
     return path.rename(folder / "walk.dat")
+
+
+def _write_named(name: str, write: Callable[[RawRecording, Path], object], raw: RawRecording, folder: Path) -> Path:
+    write(raw, folder / name)
+    return folder / name
 
 
 def _write_folder(write: Callable[[RawRecording, Path], None], raw: RawRecording, folder: Path) -> Path:
@@ -49,6 +55,11 @@ SAMPLES: Mapping[str, Sample] = {
     **{
         kind: Sample(partial(_write_phone, phone), phone.format, phone.digits, late=phone.own_clocks)
         for kind, phone in PHONES.items()
+    },
+    **{
+        name: Sample(partial(_write_named, name, write), "table")
+        for name, write in TABLES.items()
+        if find_spec(NEEDS.get(name, "numpy"))
     },
     "metawear": Sample(partial(_write_folder, write_metawear), "metawear", 1e-9),
     "x-IMU3": Sample(partial(_write_folder, write_ximu3), "xio", 1e-9),

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from fg_nav.recording import Recording, find_extra_sigmas
+from fg_nav.samples import gaps
 from fg_nav.samples.gaps import _UnreadSamples, bridge_unread
 from fg_nav.samples.readings import ACC_OUT, GYR_OUT, interpolate_unread
+from tests.smoother.walks import demo
 
 PERIOD_S = 0.005
 STRIDE = 200
@@ -81,3 +83,26 @@ def test_one_bad_sample_of_an_hour_takes_less_memory_than_two_more_columns_of_it
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 2 * acc.nbytes
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    whole = demo().recording
+    return Recording(whole.t[:2400], whole.acc[:2400], whole.gyr[:2400])
+
+
+def test_samples_are_prepared_in_blocks_as_in_one(recording: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
+    there = np.r_[0:698, 703:2400]  # a gap, which begins at the end of a block
+    t, acc, gyr = (samples[there] for samples in (recording.t, recording.acc, recording.gyr))
+    whole = Recording(t, acc, gyr).integrable
+    monkeypatch.setattr(gaps, "BLOCK", 100)
+    for one, blocks in zip(whole, Recording(t, acc, gyr).integrable, strict=True):
+        np.testing.assert_allclose(blocks, one, rtol=1e-9, atol=1e-11)
+
+
+def test_what_was_not_cut_takes_no_memory(recording: Recording) -> None:
+    whole = Recording(recording.t, recording.acc, recording.gyr)
+    for peaks, samples in zip(whole.peaks, (whole.acc, whole.gyr), strict=True):
+        assert np.shares_memory(peaks.whole, samples)
+        assert peaks.sigma.strides == peaks.run.strides == (0, 0)
+    assert all(sigma.strides == (0, 0) for sigma in find_extra_sigmas(whole, 0.3))
