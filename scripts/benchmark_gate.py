@@ -194,7 +194,7 @@ def _measure_errors(some: Mapping[str, tuple[Recording, Any]]) -> list[Metric]:
 
 def _measure_real(data: Path | None) -> list[Metric]:
     try:
-        trials = walks.read_vicon_labelled(walks.data_folder(data))
+        trials = [one.read_labelled() for one in walks.list_set(walks.data_folder(data), "vicon")]
     except FgNavError as error:
         print(f"without the real walks: {error}")
         return []

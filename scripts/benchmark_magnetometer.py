@@ -7,21 +7,18 @@ no heading is given. Each repeat runs both modes on all walks, one after the oth
 affects all alike; the ratio is taken within a repeat, and the median over the repeats counts. All times are those of
 the processor.
 
-The walks: 360 m through the corridors of an office with rests at both ends, in an indoor field and in a smooth one
-(`magnetic_walks.py`), and the scenario `demo`.
+The walks: the scenario `teaching-building` in an indoor field and in a smooth one, and the scenario `demo`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import TypeAlias
 
 import harness
 import numpy as np
 from harness import Figure, measure_time, option, spread
-from magnetic_walks import Case, make_sensor, make_walk
 
 from fg_nav.arrays import Floats
 from fg_nav.lab.simulation import Choices, simulate
@@ -58,11 +55,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def simulate_walks(seed: int, rate_hz: float) -> dict[str, Recording]:
     """Return the walks by name."""
-    sensor = make_sensor()
-    assert sensor.mag is not None
-    sensor = replace(sensor, rate_hz=rate_hz, mag=replace(sensor.mag, rate_hz=rate_hz))
-    cases = {f"office, {field}": Case("360 m", field, True) for field in ("indoor", "smooth")}
-    walks = {name: make_walk(case, seed, sensor) for name, case in cases.items()}
+    levels = {
+        f"building, {field}": Choices(rate_hz=rate_hz, field=field, calibrated=True) for field in ("indoor", "smooth")
+    }
+    walks = {name: simulate("teaching-building", seed, choices) for name, choices in levels.items()}
     walks["demo"] = simulate("demo", seed, Choices(rate_hz=rate_hz))
     return {name: walk.recording for name, walk in walks.items()}
 

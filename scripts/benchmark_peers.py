@@ -115,13 +115,13 @@ class Job:
 
 def list_vicon(data: Path) -> Iterator[Job]:
     """Yield the trials."""
-    for walk in walks.read_vicon_labelled(data):
+    for walk in (one.read_labelled() for one in walks.list_set(data, "vicon")):
         yield _foot_job(walk.name, walk.recording, walk.stances)
 
 
 def list_openshoe(data: Path) -> Iterator[Job]:
     """Yield the loops."""
-    for walk in walks.read_loops(data, [name for name in walks.LOOPS if name.startswith(walks.OPENSHOE)]):
+    for walk in (one.read() for one in walks.list_set(data, walks.OPENSHOE)):
         yield _foot_job(walk.name, walk.recording, walk.stances)
 
 

@@ -113,13 +113,6 @@ def seeds_of(chosen: argparse.Namespace) -> range:
     return range(first, first + chosen.seeds)
 
 
-def check_folder(path: Path | None) -> Path:
-    """Return the folder for results, which must be there; raises `OutputError`."""
-    if path is None or not path.is_dir():
-        raise OutputError(f"there is no folder {path} to keep results in: make it, and name it with --out.")
-    return path
-
-
 # --- work ------------------------------------------------------------------------------------------------------------
 
 

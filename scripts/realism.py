@@ -109,7 +109,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def print_foot(data: Path, seeds: Sequence[int], per_walk: bool) -> None:
     """Print the tables of the moving foot, of the standing foot and of the field."""
-    real = [realism_foot.measure_foot(walk.name, walk.recording) for walk in walks.read_gdin(data)]
+    real = [
+        realism_foot.measure_foot(walk.name, walk.recording)
+        for walk in (one.read() for one in walks.list_set(data, walks.GDIN))
+    ]
     recorded = {name: [simulate_walk(person(seed), seed) for seed in seeds] for name, person in PEOPLE.items()}
     ours = {name: [realism_foot.measure_foot(name, one) for one in some] for name, some in recorded.items()}
     harness.print_heading("The moving foot: median [least, most] over walks")

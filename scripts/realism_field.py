@@ -206,7 +206,7 @@ def _steadiness(stances: Stances, nav_field: Floats, fewest: int = 5) -> float:
 
 def read_walks(data: Path, numbers: Sequence[int] = walks.GDIN_WALKS) -> list[Sensed]:
     """Load the gdin walks with their magnetometer."""
-    return [_with_magnetometer(walk) for walk in walks.read_gdin(data, numbers)]
+    return [_with_magnetometer(one.read()) for one in walks.list_set(data, walks.GDIN) if int(one.name[5:]) in numbers]
 
 
 def sense_walk(recording: Recording) -> Sensed:

@@ -109,7 +109,7 @@ class Foot:
 def read_captured(data: Path) -> list[Foot]:
     """The trials whose true velocity is known, those that show strides."""
     trials = [
-        measure_foot(w.name, w.recording) for w in walks.read_vicon_detected(data) if w.name.startswith(VICON_DAY)
+        measure_foot(w.name, w.read().recording) for w in walks.list_set(data, "vicon") if w.name.startswith(VICON_DAY)
     ]
     return [walk for walk in trials if len(walk.strides) >= FEWEST]
 

@@ -21,7 +21,10 @@ Tables = Mapping[str, tuple[Mapping[str, object], Mapping[str, Facts]]]
 @pytest.fixture(scope="module")
 def tables() -> Tables:
     """Of each table its facts, and its columns: real first."""
-    real = [realism_foot.measure_foot(walk.name, walk.recording) for walk in walks.read_gdin(DATA)]
+    real = [
+        realism_foot.measure_foot(walk.name, walk.recording)
+        for walk in (one.read() for one in walks.list_set(DATA, "gdin"))
+    ]
     recorded = {name: [realism.simulate_walk(person(s), s) for s in SEEDS] for name, person in realism.PEOPLE.items()}
     ours = {name: [realism_foot.measure_foot(name, one) for one in of] for name, of in recorded.items()}
     inertial = {

@@ -4,7 +4,7 @@ Model
 -----
 A field is the flux density B(x) in uT at a place x in m, both in nav (East-North-Up), and static: a `Field`. Fields
 of separate sources add (`Sum`). Away from sources every map here is free of divergence and curl, as `gradient`,
-`divergence` and `curl` show by differences; `scripts/field_maps.py` prints it for each, and draws it.
+`divergence` and `curl` show by differences; `field_maps.py` of b894e160 printed it for each and drew it.
 
 ========= ========================================================== ==============================================
 file      what                                                       source
