@@ -1,6 +1,6 @@
 """The papers' filters, ours and the smoother on the papers' walks, by the papers' own figures, side by side.
 
-    python scripts/compare_ekf.py --quick                 a minute: one course, two walks
+    python scripts/compare_ekf.py --quick                 a minute: two walks of a minute each
     python scripts/compare_ekf.py [--methods NAME ...] [--scenarios NAME ...] [--fields LEVEL ...] [--seeds N]
         [--magnetometer loop|perfect|walk|raw|none ...] [--real gdin openshoe] [--jobs N] [--out DIR]
 
@@ -57,7 +57,7 @@ METHODS = (
     "online",
 )  # fmt: skip
 QUICK = {
-    "scenarios": (BUILDING,), "fields": ("indoor",), "seeds": 2, "magnetometer": ["perfect"],
+    "scenarios": ("demo",), "fields": ("indoor",), "seeds": 2, "magnetometer": ["perfect"], "jobs": 1,
     "methods": ("iez", "ma2018", "ma2018:as-printed", "aiez", "inertial", "card", "smoother", "online"),
 }  # fmt: skip
 REAL = (walks.GDIN, walks.OPENSHOE)
@@ -97,7 +97,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     chosen = harness.parse_arguments(
         __doc__,
         arguments,
-        quick=option(False, "one course, two walks and eight methods, in a minute"),
+        quick=option(False, "two short walks and eight methods, in a minute"),
         out=option(Path("comparison"), "folder of the results", type=Path, metavar="DIR"),
         methods=METHODS,
         scenarios=SCENARIOS,
