@@ -34,7 +34,8 @@ from fg_nav.report.terminal import console, progress
 
 FIRST_SEED = 101  # Of walks that are reported: estimators were tuned on seeds below 100.
 
-S, T = TypeVar("S"), TypeVar("T")
+S = TypeVar("S")
+T = TypeVar("T")
 
 # --- arguments -------------------------------------------------------------------------------------------------------
 

@@ -94,7 +94,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     ]
     bench = Bench(make_folder(chosen.cache), cases, chosen.jobs)
     if chosen.held_out:
-        trials = [(method, preset, {}) for method in (BASELINE, *chosen.methods) for preset in (PHYSICAL, TUNED)]
+        trials: list[tuple[str, str, Point]] = [
+            (method, preset, {}) for method in (BASELINE, *chosen.methods) for preset in (PHYSICAL, TUNED)
+        ]
         rows = [(m, p, f"{np.exp(loss):.3f}") for (m, p, _), loss in zip(trials, bench.losses(trials), strict=True)]
         harness.print_table(("method", "preset", f"error over the IEZ's, {len(cases)} walks"), rows)
         return
@@ -118,7 +120,7 @@ class Bench:
 
     def losses(self, trials: Sequence[tuple[str, str, Point]]) -> list[float]:
         """Loss of each trial."""
-        every = [(BASELINE, PHYSICAL, {}), *trials]
+        every: list[tuple[str, str, Point]] = [(BASELINE, PHYSICAL, {}), *trials]
         new = {f"{one}": one for one in every if f"{one}" not in self.known}
         if new:
             measure = partial(measure_case, self.folder, list(new.values()))

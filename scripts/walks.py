@@ -34,10 +34,10 @@ from fg_nav.io import Reading, read_raw
 from fg_nav.lab.pyshoe import read_pyshoe_labels, read_pyshoe_track
 from fg_nav.lab.simulation import SCENARIOS, Choices, routes, simulate
 from fg_nav.lab.simulation.plan import Stand
-from fg_nav.pipeline import prepare_walk, read_walk
+from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import RawRecording, Recording
 from fg_nav.truth import TrajectoryTruth
-from fg_nav.walk import Options
+from fg_nav.walk import Options, read_walk
 from fg_nav.walk import Walk as Prepared
 
 DEFAULT_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -226,6 +226,7 @@ class RepeatedWalk:
         Raises `SimulationError` where it has not two.
         """
         length = max(1, round(STILL_S / recording.period_s))
+        assert recording.mag is not None
         samples = np.column_stack([recording.acc, recording.gyr, recording.mag])
         seconds = samples[: len(samples) // length * length].reshape(-1, length, samples.shape[1])
         still = np.flatnonzero(np.abs(seconds[:, :, 3:6]).max(axis=(1, 2)) < STILL_RAD_S)

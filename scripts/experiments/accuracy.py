@@ -113,7 +113,7 @@ def measure_real(section: str, real: Real, methods: Mapping[str, Estimate]) -> F
 def measure_solution(walk: walks.Walk, estimate: Estimate) -> Figures:
     """Figures of a solution: errors where there is a truth, else the end of a walk that ends where it began."""
     solution, truth = estimate(walk.recording, walk.stances), walk.recording.truth
-    metrics = evaluate(solution, truth).as_dict()
+    metrics: Mapping[str, Any] = evaluate(solution, truth).as_dict()
     names = (RMSE, SPACE, "max_error_m", "scale", "distance_m", "closure_m", "closure_percent", "points",
              "footprints_surveyed", "strides_detected", "strides_true")  # fmt: skip
     found: dict[str, Any] = {name: metrics[name] for name in names if metrics.get(name) is not None}

@@ -45,9 +45,9 @@ def measure_methods(real: Real, methods: Sequence[str]) -> Found:
     def measure(name: str) -> Figures:
         method, _, variant = name.removesuffix(" raw").partition(":")
         walk = prepared[RAW if name.endswith(" raw") else WALK]
-        gate = {"gate": variant.removeprefix("gate=")} if variant.startswith("gate=") else {}
+        gate = variant.removeprefix("gate=") if variant.startswith("gate=") else walk.options.gate
         changes = (("smoother.walk.directions", True),) if variant == "directions" else ()
-        outcome = run_method(replace(walk, options=replace(walk.options, changes=changes, **gate)), method)
+        outcome = run_method(replace(walk, options=replace(walk.options, gate=gate, changes=changes)), method)
         table, metrics = outcome.solution.stances, outcome.metrics
         end = (table.position[-1] - table.position[0])[:2]
         squared = float(end @ np.linalg.solve(table.position_cov[-1][:2, :2], end)) / 2.0

@@ -127,8 +127,8 @@ def push_walk(walk: Walk, heading: float | None) -> tuple[Lines, OnlineNavigator
     said = [line for line in lines if isinstance(line, StanceEstimate)]
     new = [line for line in said if not navigator.reported_continues[line.number]]
     sigma = np.sqrt([np.diagonal(line.pose_cov) for line in new])
-    columns = (np.array([getattr(line, name) for line in new]) for name in ("sample", "t", "position", "heading"))
-    return Lines(*columns, sigma), navigator
+    columns = {name: np.array([getattr(line, name) for line in new]) for name in ("sample", "t", "position", "heading")}
+    return Lines(**columns, sigma=sigma), navigator
 
 
 def compare_ends(lines: Lines, smoothed: Solution, truth: Truth | None) -> float:

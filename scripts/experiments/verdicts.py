@@ -47,8 +47,19 @@ WORDS = (TRUSTED, DOUBTFUL, UNUSABLE, REFUSED)
 GOOD, CLIPPED, MTI1 = "good", "clipped", "mti1_loops"
 WALKED = (GOOD, MTI1, "mems_foot", "mtig710", "corridor_lab", "gdlbio run")
 ASKED_SHARE, ASKED_MTI1 = 0.95, 18 / 24
-CLOSED = ("square", "rectangle", "large", "c_shape", "lap_360", "five_small", "hallway", "stairs", "lab_corridor")
-CLOSED += ("openshoe", "xio")
+CLOSED = (
+    "square",
+    "rectangle",
+    "large",
+    "c_shape",
+    "lap_360",
+    "five_small",
+    "hallway",
+    "stairs",
+    "lab_corridor",
+    "openshoe",
+    "xio",
+)
 SEGMENTS = ("upper_leg_left", "upper_leg_right", "hand_right", "forearm_left", "head", "hip")
 FIRST_SEED = 301
 
@@ -113,8 +124,8 @@ def judge_walk(name: str, load: Load, method: str) -> Figures:
         walk = prepare_walk(Walk.of(Recording.from_raw(load()), Options(mount="foot")))
         outcome = run_method(walk, method)
         verdict = judge_path(walk, outcome.solution)
-    except FgNavError as error:
-        return {"word": REFUSED, REFUSED: 1, "reasons": str(error)}
+    except FgNavError as refusal:
+        return {"word": REFUSED, REFUSED: 1, "reasons": str(refusal)}
     table, error = outcome.solution.stances, outcome.metrics.end_error_m
     if error is None and any(word in name for word in CLOSED):
         error = float(np.hypot(*(table.position[-1] - table.position[0])[:2]))
