@@ -7,7 +7,8 @@ import pytest
 
 from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError, FormatError, SimulationError
-from fg_nav.lab.simulation import simulate
+from fg_nav.lab.campaign.walks import Simulated
+from fg_nav.lab.simulation import scenario, simulate
 from fg_nav.smoother import SmootherParameters
 from fg_nav.smoother.strides import place_nodes
 from tests.real_data import DATA, needs_data
@@ -19,7 +20,11 @@ measure = load_script("measure")
 experiments = load_script("experiments")
 accuracy = load_script("experiments.accuracy")
 verdicts = load_script("experiments.verdicts")
+feet = load_script("experiments.feet")
+magnetic = load_script("experiments.magnetic")
+online = load_script("experiments.online")
 places = load_script("experiments.places")
+pocket = load_script("experiments.pocket")
 
 
 def table(*rows):
@@ -212,3 +217,42 @@ def test_missing_recordings_are_one_sentence(tmp_path, capsys):
     [line] = capsys.readouterr().err.splitlines()
     assert "nowhere" in line
     assert "--data" in line
+
+
+def test_two_feet_are_measured_alone_and_together():
+    found = feet.measure_pair("demo", False, 3)
+    assert set(found) == {f"{side} {how}" for side in ("left", "right") for how in ("alone", "together")}
+    assert all(0 < one["position (m)"] < 1.0 for one in found.values())
+
+
+def test_lines_of_a_walk_in_progress_are_held_against_its_end():
+    walk = Simulated("demo", "smooth", 3).prepare("perfect")
+    found = online.measure_pushed(walk, walk.options.heading_rad)
+    assert found["worst"] >= max(found[name] for name in online.COMPONENTS) - 1e-9
+    assert found["gap (m)"] < 0.3
+    assert found["found (%)"] > 90
+    assert 0 < found["batch (m)"] < 1.0
+
+
+def test_a_walk_is_smoothed_with_places_and_without(monkeypatch):
+    monkeypatch.setattr(places, "COURSES", {"demo": (scenario("demo"), 1)})
+    monkeypatch.setattr(places, "calibrate", lambda seed: None)
+    found = places.measure_course("demo", "smooth", True, None, 3)
+    assert all("failure" not in found[name] for name in ("with", "without"))
+    assert 0 < found["without"]["all"] < 1.0
+    assert 0 < found["without"]["ratio"] < 3.0
+
+
+@needs_data
+def test_methods_are_compared_on_a_real_floor():
+    real = next(one for one in walks.list_set(DATA, "openshoe") if one.name == "openshoe 13")
+    found = magnetic.measure_methods(real, ("inertial", "iez", "smoother raw"))
+    assert all(0 < one["error"] < 5 for one in found.values())
+
+
+@needs_data
+def test_a_phone_in_a_pocket_is_laid_beside_its_fixes():
+    path = sorted((DATA / "pocket_gnss").glob("*.zip"))[0]
+    found = pocket.measure_pocket(path)
+    assert 0.5 < found["sensor"]["metres"] < 1.5
+    assert found["with fixes"]["held (m)"] < found["sensor"]["rigid (m)"] + 20.0
