@@ -156,7 +156,7 @@ def test_a_simulated_way_is_covered_by_its_sigmas():
     found = accuracy.cover_way(120.0, "moving", None, True, 401)["smoother"]
     assert "failure" not in found
     assert found["horizontal"] > 0.5
-    assert 0.1 < found["horizontal ratio"] < 3.0
+    assert 0.01 < found["horizontal ratio"] < 3.0
 
 
 def test_spoiled_recordings_are_not_trusted():
