@@ -22,7 +22,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -76,14 +75,12 @@ ELLIPSES: dict[str, Callable[[FootfallField], Ellipse]] = {
 class Loop:
     """One walked loop: what each method finds and makes of the headings; empty or infinite where it refused.
 
-    `ellipse` holds by method offset x, y uT, eta rad and tau; `heading` the differences (F,) rad. `tumbled` (N, 3) uT
-    are the readings without the shoe in levelled axes, `K` (3, 3) and `B_uT` (3,) what they give, as in the CLSEF line
-    of Table 1, the scale of K being unknown.
+    `ellipse` holds by method offset x, y uT, eta rad and tau; `heading` the differences (F,) rad. `K` (3, 3) and `B_uT`
+    (3,) are what the readings without the shoe give, as in the CLSEF line of Table 1, the scale of K being unknown.
     """
 
     ellipse: dict[str, Floats]
     heading: dict[str, Floats]
-    tumbled: Floats
     K: Floats
     B_uT: Floats
 
@@ -105,36 +102,29 @@ def walk_loop(seed: int) -> Loop:
         corrected = (field.body_field - bare.hard_iron_uT) @ (R.T @ K @ R).T
         heading[CLSEF] = _difference(field, rotate_to_level(corrected, field.nav_R_body[:, 2]))
     shapes = {name: _shape_of(ellipse) for name, ellipse in found.items()}
-    return Loop(shapes, {CLSEF: np.empty(0), **heading}, readings @ R.T, K, B)
+    return Loop(shapes, {CLSEF: np.empty(0), **heading}, K, B)
 
 
 def loop_part(seed: int) -> Measurement:
-    """What `load_loops` reads of one loop."""
+    """What `loop_of` reads of one loop."""
     return Measurement(f"ma2018_loop_{seed}", partial(_loop_arrays, seed))
 
 
 def _loop_arrays(seed: int) -> Arrays:
     loop = walk_loop(seed)
-    arrays = {"tumbled": loop.tumbled[::_EVERY], "K": loop.K, "B_uT": loop.B_uT}
-    for group in _BY_NAME:
+    arrays = {"K": loop.K, "B_uT": loop.B_uT}
+    for group in ("ellipse", "heading"):
         arrays |= {f"{group}/{name}": values for name, values in getattr(loop, group).items()}
     return arrays
 
 
-def load_loops(folder: Path, seeds: Sequence[int]) -> list[Loop]:
-    """Loops that are stored, or made now; of the tumbled readings each tenth."""
-    return [_loop_of(loop_part(seed).load(folder)) for seed in seeds]
-
-
-def _loop_of(arrays: Arrays) -> Loop:
+def loop_of(arrays: Arrays) -> Loop:
+    """One loop as it is stored."""
     ellipse, heading = (
         {key.partition("/")[2]: found for key, found in arrays.items() if key.startswith(f"{group}/")}
-        for group in _BY_NAME
+        for group in ("ellipse", "heading")
     )
-    return Loop(ellipse, heading, arrays["tumbled"], arrays["K"], arrays["B_uT"])
-
-
-_BY_NAME, _EVERY = ("ellipse", "heading"), 10
+    return Loop(ellipse, heading, arrays["K"], arrays["B_uT"])
 
 
 def standing_attitude(walk: SimulatedWalk) -> Floats:
