@@ -43,7 +43,7 @@ def new_panels(
 
 
 def draw_paths(made: Made, scenario: str, names: Mapping[str, str], title: str) -> Figure:
-    """Draw the first walk by filters as printed, from above over the truth, a panel for each field; squares are ends."""
+    """Draw the first walk by filters as printed, from above over the truth, a panel a field; squares are ends."""
     with style.styled():
         figure, panels = new_panels(1, len(made.levels), 5.2, 4.8 * len(made.levels) + 0.4)
         for axes, level in zip(panels, made.levels, strict=True):

@@ -9,6 +9,7 @@ import pytest
 
 from fg_nav.frames import yaw_rotation
 from fg_nav.lab.reproduce import munoz_diaz2017 as paper
+from fg_nav.lab.reproduce.munoz_diaz2017 import runs, walks
 from fg_nav.lab.reproduce.munoz_diaz2017.runs import Run, make_run, seed_of
 from fg_nav.lab.reproduce.munoz_diaz2017.walks import Setting, read_setting
 from fg_nav.lab.reproduce.results import write_reproduction
@@ -16,6 +17,7 @@ from fg_nav.lab.reproduce.runner import run_paper
 from fg_nav.lab.reproduce.table import Line
 from fg_nav.lab.simulation import SCENARIOS, Choices, routes, simulate
 from fg_nav.lab.simulation.path import straight
+from fg_nav.lab.simulation.plan import Walk
 from fg_nav.pocket import PocketTrack
 from tests.lab.reproduce.stored_walks import figures_of, rows_of
 from tests.pictures import sketch_pictures
@@ -32,7 +34,7 @@ def run_with(minute, z=None, yaw=None):
 
 
 def setting_with(run, **columns):
-    blank = Setting(*[np.zeros(1)] * 3, 1.0, np.zeros((1, 2)), np.zeros(4), np.zeros_like(run.bias))
+    blank = Setting(*[np.zeros(1)] * 2, 1.0, np.zeros((1, 2)), np.zeros(4), np.zeros_like(run.bias))
     return replace(blank, **columns)
 
 
@@ -127,9 +129,29 @@ def kept(tmp_path_factory):
 
 
 def run(folder, patch, progress=lambda _: None):
+    """Quickly, with legs of some metres and gyroscopes that lie still for minutes."""
     (folder / "pictures").mkdir(exist_ok=True)
-    patch.setattr(paper, "PAPER", replace(paper.PAPER, parts=partial(paper.list_parts, leg_m=SHORT_M)))
+    for name in ("FIRST_WALK", "SECOND_WALK"):
+        patch.setattr(walks, name, shorten(getattr(walks, name)))
+    patch.setattr(runs, "FOG_HOURS", 0.02)
+    patch.setattr(runs, "ALLAN_HOURS", 0.3)
     return run_paper("munoz-diaz2017", folder, [7], 1, progress, True)
+
+
+def shorten(scenario):
+    """The first metres of each way out, and the last ones of each way back."""
+
+    def route(rng):
+        sections, ways = [], 0
+        for section in scenario.route(rng):
+            if isinstance(section, Walk):
+                begin = section.path.length_m - SHORT_M if ways % 2 else 0.0
+                section = replace(section, path=section.path.part(begin, begin + SHORT_M))
+                ways += 1
+            sections.append(section)
+        return sections
+
+    return replace(scenario, route=route)
 
 
 def test_a_short_run_knows_of_the_biases_what_physics_lets_it_know(kept):
@@ -162,16 +184,16 @@ def test_a_kept_seed_is_taken_up_and_gives_the_same_bytes(kept, monkeypatch):
 
 def test_a_kept_seed_holds_no_longer_when_other_code_made_it(kept, monkeypatch):
     folder, _, _ = kept
-    [part] = paper.list_parts([7], True, SHORT_M)["seed"]
+    [part] = paper.list_parts([7], True)["seed"]
     assert part.read(folder) is not None
     monkeypatch.setattr(paper, "_code", lambda: "other")
-    [part] = paper.list_parts([7], True, SHORT_M)["seed"]
+    [part] = paper.list_parts([7], True)["seed"]
     assert part.read(folder) is None
 
 
 def test_an_estimator_that_ended_is_infinitely_wrong(kept):
     folder, _, _ = kept
-    [part] = paper.list_parts([7], True, SHORT_M)["seed"]
+    [part] = paper.list_parts([7], True)["seed"]
     seed = seed_of(part.load(folder))
     line = Line("z", measure=("from_zero", "z"), of="munich")
     assert paper.read_line(seed, line)["filter"] < math.inf

@@ -30,10 +30,10 @@ from fg_nav.text import to_json
 OURS, EXPECTED = "ours", "by the field"  # Columns of what no estimator has a hand in.
 
 
-def list_parts(seeds: Sequence[int], quick: bool, leg_m: float | None = None) -> Parts:
+def list_parts(seeds: Sequence[int], quick: bool) -> Parts:
     """One measurement a seed; quick without the other noises of the second walk's magnetometer."""
     names = {seed: f"munoz-diaz2017_{seed}_{'quick_' if quick else ''}{_code()}" for seed in seeds}
-    return {"seed": [Measurement(name, partial(measure_seed, seed, quick, leg_m)) for seed, name in names.items()]}
+    return {"seed": [Measurement(name, partial(measure_seed, seed, quick)) for seed, name in names.items()]}
 
 
 @cache

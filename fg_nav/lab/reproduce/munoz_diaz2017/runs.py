@@ -18,12 +18,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
-from types import MappingProxyType
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import EstimationError
@@ -31,7 +28,8 @@ from fg_nav.frames import compute_heading
 from fg_nav.lab.follow_pocket import follow_pocket
 from fg_nav.lab.reproduce.munoz_diaz2017 import as_printed
 from fg_nav.lab.reproduce.munoz_diaz2017 import walks as simulated
-from fg_nav.lab.reproduce.munoz_diaz2017.walks import BATCH, FILTER, FIRST, ONLINE, PRINTED, Case, Setting
+from fg_nav.lab.reproduce.munoz_diaz2017.walks import BATCH, FILTER, FIRST, PRINTED, SECOND_NOISES_UT, Case, Setting
+from fg_nav.lab.simulation import simulate
 from fg_nav.lab.store.results import Arrays
 from fg_nav.pocket import PocketParameters, PocketSmootherParameters, PocketTrack, estimate_pocket, level_start
 from fg_nav.pocket.dead_reckoning import calibrate_step_length, reckon_path
@@ -64,38 +62,23 @@ class Run:
     path: Floats
 
 
-Estimate: TypeAlias = Callable[[Recording, Case, float], PocketTrack]
-"""Of a recording, what is given of it, and the heading at the start."""
-
 GRAPHS = {True: PocketSmootherParameters(gyr_scale_sigma=1e-5, mag_left_uT=1e-3), False: PocketSmootherParameters()}
 """Parameters of the graph, by whether the sensor is emulated; a thousandth of what a real one has stands for none."""
 
-FILTERS: Mapping[str, tuple[PocketParameters, Callable[..., PocketTrack]]] = MappingProxyType(
-    {
-        PRINTED: (as_printed.PRINTED, as_printed.estimate_as_printed),
-        FILTER: (PocketParameters(), estimate_pocket),
-    }
-)
+FILTERS: Mapping[str, tuple[PocketParameters, Callable[..., PocketTrack]]] = {
+    PRINTED: (as_printed.PRINTED, as_printed.estimate_as_printed),
+    FILTER: (PocketParameters(), estimate_pocket),
+}
 
 
-def _filter(name: str, recording: Recording, case: Case, heading: float) -> PocketTrack:
-    parameters, run = FILTERS[name]
-    known = replace(parameters, field_gated=case.gated, mag_sigma_uT=case.mag_sigma_uT)
-    return run(recording, known, level_start(recording, heading))
-
-
-def _smooth(graph: Callable[..., PocketTrack], recording: Recording, case: Case, heading: float) -> PocketTrack:
-    parameters = replace(GRAPHS[case in FIRST], mag_sigma_uT=case.mag_sigma_uT)
-    return graph(recording, parameters, level_start(recording, heading))
-
-
-ESTIMATORS: Mapping[str, Estimate] = MappingProxyType(
-    {
-        **{name: partial(_filter, name) for name in FILTERS},
-        BATCH: partial(_smooth, smooth_pocket),
-        ONLINE: partial(_smooth, follow_pocket),
-    }
-)
+def estimate(name: str, recording: Recording, case: Case, heading: float) -> PocketTrack:
+    """By one estimator, from the heading at the start."""
+    start = level_start(recording, heading)
+    if name in FILTERS:
+        parameters, run = FILTERS[name]
+        return run(recording, replace(parameters, field_gated=case.gated, mag_sigma_uT=case.mag_sigma_uT), start)
+    graph = smooth_pocket if name == BATCH else follow_pocket
+    return graph(recording, replace(GRAPHS[case in FIRST], mag_sigma_uT=case.mag_sigma_uT), start)
 
 
 def run_estimators(recording: Recording, case: Case, setting: Setting) -> dict[str, Run | None]:
@@ -107,7 +90,7 @@ def run_estimators(recording: Recording, case: Case, setting: Setting) -> dict[s
     found: dict[str, Run | None] = {}
     for name in case.by:
         try:
-            track = ESTIMATORS[name](recording, case, heading)
+            track = estimate(name, recording, case, heading)
         except EstimationError:
             found[name] = None
         else:
@@ -163,37 +146,34 @@ class Seed:
     own: Mapping[str, Floats]
 
 
-def measure_seed(seed: int, quick: bool, leg_m: float | None = None) -> Arrays:
-    """Walk and estimate; arrays for `seed_of`, by names with slashes. With legs of a few metres for a test."""
-    first = simulated.simulate_first(seed, leg_m)
-    second = simulated.simulate_second(seed, simulated.SECOND_NOISES_UT[0], leg_m)
+def measure_seed(seed: int, quick: bool) -> Arrays:
+    """Walk and estimate; arrays for `seed_of`, by names with slashes."""
+    first, second = simulate(simulated.FIRST_WALK, seed), simulated.simulate_second(seed, SECOND_NOISES_UT[0])
     settings = {"first": simulated.read_setting(first), "second": simulated.read_setting(second)}
     arrays: dict[str, Any] = {}
     for walk, setting in settings.items():
         arrays |= {f"setting/{walk}/{name}": value for name, value in vars(setting).items()}
+    # what each estimator makes of each case
     for case in simulated.list_cases(quick):
         if case in FIRST:
             recording = simulated.record_first(first, case.name, seed)
         else:
             if case.mag_sigma_uT != simulated.noise_of(second):
-                second = simulated.simulate_second(seed, case.mag_sigma_uT, leg_m)
+                second = simulated.simulate_second(seed, case.mag_sigma_uT)
             recording = simulated.record_second(second, case.name, seed)
         for name, run in run_estimators(recording, case, settings[walk_of(case)]).items():
             columns = {} if run is None else {what: one for what, one in vars(run).items() if one is not None}
             arrays |= {f"run/{case.name}/{name}/{what}": one for what, one in (columns or {"ended": True}).items()}
-    short = 0.02 if leg_m else 1.0
-    fog = simulated.measure_fog_errors(seed, FOG_HOURS * short)
-    arrays |= {f"own/rest/{how}": angle for how, angle in fog.items()}
-    arrays |= {
-        f"own/allan/{name}": one for name, one in simulated.measure_allan_curves(seed, ALLAN_HOURS * short).items()
+    # what no estimator has a hand in
+    own: dict[str, Mapping[str, Any]] = {
+        "rest": simulated.measure_fog_errors(seed, FOG_HOURS),
+        "allan": simulated.measure_allan_curves(seed, ALLAN_HOURS),
+        "sensor": simulated.measure_sensor_errors(first, second),
     }
-    arrays |= {f"own/sensor/{name}": one for name, one in simulated.measure_sensor_errors(first, second).items()}
-    return {name: _halve(np.asarray(value)) for name, value in arrays.items()}
-
-
-def _halve(values: NDArray[Any]) -> NDArray[Any]:
-    """Single precision, which is far finer than any figure: a seed is some megabytes."""
-    return values.astype(np.float32) if values.dtype == np.float64 else values
+    arrays |= {f"own/{kind}/{name}": one for kind, some in own.items() for name, one in some.items()}
+    # single precision is far finer than any figure, and makes some megabytes of a seed
+    found = {name: np.asarray(value) for name, value in arrays.items()}
+    return {name: one.astype(np.float32) if one.dtype == np.float64 else one for name, one in found.items()}
 
 
 def walk_of(case: Case) -> str:

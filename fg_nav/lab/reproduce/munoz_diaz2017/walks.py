@@ -21,10 +21,9 @@ filter's longest difference (`fg_nav.pocket.filter`). Not printed and so ours: w
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from types import MappingProxyType
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -34,10 +33,10 @@ from fg_nav.calibration.ellipsoid import fit_ellipsoid
 from fg_nav.errors import SimulationError
 from fg_nav.frames import yaw_rotation
 from fg_nav.lab.allan import compute_allan_curve
-from fg_nav.lab.simulation import SCENARIOS, Choices, Scenario, SimulatedWalk, routes, simulate
+from fg_nav.lab.simulation import SCENARIOS, Choices, SimulatedWalk, routes, simulate
 from fg_nav.lab.simulation.fields import AS_PRINTED, Cylinders, Field, Homogeneous, Sum
 from fg_nav.lab.simulation.motion import Style
-from fg_nav.lab.simulation.plan import Section, Stand, Walk
+from fg_nav.lab.simulation.plan import Stand
 from fg_nav.lab.simulation.sensors import ClockPrior, preset
 from fg_nav.pocket import PocketParameters, estimate_pocket, level_start
 from fg_nav.pocket.filter import compute_earth_rate
@@ -94,15 +93,12 @@ def _streets(field: Field) -> list[Cylinders]:
 
 _DIP = np.radians(64.0)
 
-FIELDS_UT: Mapping[str, tuple[float, float, float]] = MappingProxyType(
-    {
-        "north-pole": (0.0, 0.0, -65.0),
-        "equator": (0.0, 25.0, 0.0),
-        "munich": (0.0, 48.0 * float(np.cos(_DIP)), -48.0 * float(np.sin(_DIP))),
-    }
-)
+FIELDS_UT: Mapping[str, tuple[float, float, float]] = {
+    "north-pole": (0.0, 0.0, -65.0),
+    "equator": (0.0, 25.0, 0.0),
+    "munich": (0.0, 48.0 * float(np.cos(_DIP)), -48.0 * float(np.sin(_DIP))),
+}
 """Homogeneous fields in nav, uT (MD Table 1)."""
-
 
 MAG_NOISE_UT = 0.015  # White error of a sample of the emulated magnetometer (MD Table 2).
 
@@ -159,7 +155,7 @@ class Setting:
 
     Attributes
     ----------
-    starts, ends : (K,) s, of the strides that go somewhere.
+    ends : (K,) s, of the strides that go somewhere.
     legs : (K,) which time along the street each belongs to, from 0 on.
     length_m : of all of them together.
     path : (K, 2) m, where the foot came down after each, from where it stood first.
@@ -167,7 +163,6 @@ class Setting:
     bias : (M, 3) deg/s, true, as the rows of `Run`.
     """
 
-    starts: Floats
     ends: Floats
     legs: Ints
     length_m: float
@@ -176,24 +171,15 @@ class Setting:
     bias: Floats
 
 
-def _scenario(name: str, leg_m: float | None) -> Scenario:
-    whole = SCENARIOS[name]
-    if name == "pocket-long":
-        whole = replace(whole, route=partial(routes.pocket_long, trips=6))
-    return whole if leg_m is None else replace(whole, route=lambda rng: shorten(whole.route(rng), leg_m))
+FIRST_WALK = SCENARIOS["pocket-past-cars"]
+SECOND_WALK = replace(SCENARIOS["pocket-long"], route=partial(routes.pocket_long, trips=6), aligned=True)
 
 
-def simulate_first(seed: int, leg_m: float | None = None) -> SimulatedWalk:
-    """The walk past cars; with legs of a few metres, for a test, if `leg_m` is given."""
-    return simulate(_scenario("pocket-past-cars", leg_m), seed)
-
-
-def simulate_second(seed: int, noise_sd_uT: float, leg_m: float | None = None) -> SimulatedWalk:
+def simulate_second(seed: int, noise_sd_uT: float) -> SimulatedWalk:
     """The walk with the MTw; but for the magnetometer's noise the same for all of them."""
     prior = preset("munoz-diaz-table-3")
     assert prior.mag is not None
-    sensor = replace(prior, mag=replace(prior.mag, noise_sd_uT=noise_sd_uT))
-    return simulate(replace(_scenario("pocket-long", leg_m), sensor=sensor, aligned=True), seed)
+    return simulate(replace(SECOND_WALK, sensor=replace(prior, mag=replace(prior.mag, noise_sd_uT=noise_sd_uT))), seed)
 
 
 def noise_of(walk: SimulatedWalk) -> float:
@@ -203,44 +189,20 @@ def noise_of(walk: SimulatedWalk) -> float:
     return mag.noise_sd_uT
 
 
-def shorten(sections: Sequence[Section], leg_m: float) -> list[Section]:
-    """The first metres of each way out, and the last ones of each way back."""
-    short: list[Section] = []
-    out = True
-    for section in sections:
-        if isinstance(section, Walk):
-            end = section.path.length_m
-            path = section.path.part(0.0, leg_m) if out else section.path.part(end - leg_m, end)
-            short.append(replace(section, path=path))
-            out = not out
-        else:
-            short.append(section)
-    return short
+def record_first(walk: SimulatedWalk, case: str, seed: int) -> Recording:
+    """The first walk in the field of a case, with the same noise in all of them.
 
-
-def field_of(walk: SimulatedWalk, case: str) -> Field | None:
-    """The field of one case of the first walk; turning the walk to the north turns the field to the east instead."""
-    if case == "gravity":
-        return None
-    if not case.startswith("cars"):
+    Turning the walk to the north turns the field to the east instead.
+    """
+    field: Field | None = None
+    if case.startswith("cars"):
+        [street] = _streets(walk.field)
+        field = replace(street, exponent=AS_PRINTED) if "printed" in case else street
+    elif case != "gravity":
         site, _, turned = case.partition(", ")
         east, north, up = (float(part) for part in yaw_rotation(-np.pi / 2 if turned else 0.0) @ FIELDS_UT[site])
-        return Homogeneous((east, north, up))
-    street = street_of(walk)
-    assert street is not None
-    return replace(street, exponent=AS_PRINTED) if "printed" in case else street
-
-
-def record_first(walk: SimulatedWalk, case: str, seed: int) -> Recording:
-    """The first walk in the field of a case; with the same noise in all of them."""
-    rng = np.random.default_rng([seed, 1])
-    return replace_field(walk, field_of(walk, case), MAG_NOISE_UT, rng)
-
-
-def street_of(walk: SimulatedWalk) -> Cylinders | None:
-    """Cars and lamps along a walk."""
-    parts = walk.field.parts if isinstance(walk.field, Sum) else [walk.field]
-    return next((part for part in parts if isinstance(part, Cylinders)), None)
+        field = Homogeneous((east, north, up))
+    return replace_field(walk, field, MAG_NOISE_UT, np.random.default_rng([seed, 1]))
 
 
 def record_second(walk: SimulatedWalk, case: str, seed: int) -> Recording:
@@ -270,11 +232,14 @@ def read_setting(walk: SimulatedWalk) -> Setting:
     legs = np.concatenate([[0], np.cumsum((np.diff(walking.astype(int)) == 1).astype(int))])[walking]
     footprint = strides.footprint[1:][walking]
     where = footprint[:, 0] - strides.footprint[0, 0]
-    passed = [_minute(strides.start[walking], where, legs == leg, place) for leg, (place, _) in routes.CLOSE_TO.items()]
+    passed = []
+    for leg, (place, _) in routes.CLOSE_TO.items():
+        on_leg = legs == leg
+        nearest = np.argmin(np.abs(where[on_leg] - place)) if on_leg.any() else 0
+        passed.append(strides.start[walking][on_leg][nearest] / 60.0 if on_leg.any() else math.nan)
     length = np.linalg.norm(np.diff(strides.footprint[:, :2], axis=0), axis=1)[walking]
     true_bias = np.degrees([np.interp(walk.recording.t[::100], walk.biases.t, axis) for axis in walk.biases.gyr.T]).T
     return Setting(
-        starts=strides.start[walking],
         ends=(strides.start + strides.duration)[walking],
         legs=legs,
         length_m=float(length.sum()),
@@ -282,13 +247,6 @@ def read_setting(walk: SimulatedWalk) -> Setting:
         passed_min=np.array(passed),
         bias=true_bias,
     )
-
-
-def _minute(start: Floats, where: Floats, on_leg: Floats, place: float) -> float:
-    """When a leg comes by a place, min."""
-    if not on_leg.any():
-        return math.nan
-    return float(start[on_leg][np.argmin(np.abs(where[on_leg] - place))] / 60.0)
 
 
 LATITUDE_DEG = 48.0
