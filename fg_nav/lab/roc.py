@@ -5,17 +5,9 @@ truly quasi-static if it is the same at all of its stances, up to a limit: with 
 
     change_k = max |b_i - b_j|    over all pairs    k - N <= i < j <= k.
 
-All pairs, and not the steps alone: a compass that was used over the window is off by the whole change.
-
-============= ===== ===============================================================================================
-vector_uT     uT    of the whole vector. Nothing that a magnetometer could see changed by more
-heading       rad   of its direction over the ground: by how much a compass changes its mind, the foot held still
-inclination   rad   of its angle below the horizon
-strength_uT   uT    of its length
-============= ===== ===============================================================================================
-
-A limit on the vector bounds the rest: with horizontal strength H, heading changes by asin(limit / H) at most.
-Static is not right: a field can differ from the Earth's and stay so (`measure_compass_deviation`).
+All pairs, and not the steps alone: a compass that was used over the window is off by the whole change. With horizontal
+strength H, the heading of the field changes by asin(limit / H) at most. Static is not right: a field can differ from
+the Earth's and stay so (`measure_compass_deviation`).
 
 ROC. A detector declares a signal where its statistic is below a threshold; the signal is the quasi-static field, as in
 Ma 2018, Figure 8:
@@ -50,7 +42,6 @@ from scipy.stats import t as student_t
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EvaluationError
 from fg_nav.frames import wrap_angle
-from fg_nav.magnetic.footfall_field import compute_inclination
 
 LEVEL = 0.9  # Of bands, where nothing else is said.
 
@@ -87,12 +78,6 @@ class Roc:
         return len(self.signals)
 
     @property
-    def prevalence(self) -> float:
-        """Share of the cases that are signals."""
-        signals, others = self.signals[:, -1].sum(), self.others[:, -1].sum()
-        return float(signals / (signals + others))
-
-    @property
     def p_d(self) -> Floats:
         """(T + 1,) probability of detection along the curve, from 0 to 1; all walks together."""
         return np.asarray(_compute_shares(_sum_walks(self.signals))[0])
@@ -111,16 +96,6 @@ class Roc:
         """P_D and P_FA with this threshold."""
         k = self._below(threshold)
         return float(self.p_d[k]), float(self.p_fa[k])
-
-    @property
-    def knee(self) -> tuple[float, float, float]:
-        """Statistic, P_D and P_FA where P_D - P_FA is largest: beyond it P_FA grows faster than P_D."""
-        k = max(int(np.argmax(self.p_d - self.p_fa)), 1)
-        return float(self.statistic[k - 1]), float(self.p_d[k]), float(self.p_fa[k])
-
-    def p_d_at(self, p_fa: Floats) -> Floats:
-        """P_D where the curve has these false-alarm probabilities."""
-        return np.asarray(np.interp(p_fa, self.p_fa, self.p_d))
 
     def area_band(self, level: float = LEVEL) -> Band:
         """Area under the curve with its band.
@@ -142,17 +117,6 @@ class Roc:
             )
             found.append(_make_band(_jackknife(share, left_out, counts[:, -1].sum(), level)))
         return found[0], found[1]
-
-    def curve_band(self, p_fa: Floats, level: float = LEVEL) -> tuple[Floats, Floats]:
-        """Between which two values P_D lies at each of these false-alarm probabilities (G,)."""
-        p_d, other = (_compute_shares(_leave_one_out(counts)) for counts in (self.signals, self.others))
-        whole = [np.isfinite(d).all() and np.isfinite(f).all() for d, f in zip(p_d, other, strict=True)]
-        left_out = [
-            np.interp(p_fa, f, d) if usable else np.full(len(p_fa), np.nan)
-            for d, f, usable in zip(p_d, other, whole, strict=True)
-        ]
-        _, low, high = _jackknife(self.p_d_at(p_fa), np.array(left_out), self.signals[:, -1].sum(), level)
-        return low, high
 
     def _below(self, threshold: float) -> int:
         """Index along the curve: how many distinct values are below the threshold."""
@@ -243,23 +207,8 @@ def _invert_logit(logit: Floats) -> Floats:
 _Distance: TypeAlias = Callable[[Floats, Floats], Floats]
 
 
-@dataclass(frozen=True)
-class FieldChange:
-    """Largest changes (F,) of the true field over the window of each stance; NaN before the first whole window."""
-
-    vector_uT: Floats
-    heading: Floats
-    inclination: Floats
-    strength_uT: Floats
-
-    @property
-    def known(self) -> Bools:
-        """(F,) True where the window was whole."""
-        return np.isfinite(self.vector_uT)
-
-
-def measure_field_change(nav_field: Floats, window: int) -> FieldChange:
-    """Follow the true field from stance to stance.
+def measure_field_change(nav_field: Floats, window: int) -> Floats:
+    """Largest change (F,) uT of the true field over the window of each stance; NaN before the first whole window.
 
     `nav_field` (F, 3) uT is true, in nav, at the footfalls; `window` is N, the steps in it.
 
@@ -270,13 +219,7 @@ def measure_field_change(nav_field: Floats, window: int) -> FieldChange:
             f"a window of {window} steps cannot be laid over {len(nav_field)} stances: "
             f"it needs one step, and {window + 1} stances."
         )
-    strength = np.linalg.norm(nav_field, axis=1)
-    return FieldChange(
-        vector_uT=_find_largest(nav_field, window, lambda a, b: np.linalg.norm(a - b, axis=1)),
-        heading=_find_largest(_bearing(nav_field), window, lambda a, b: np.abs(wrap_angle(a - b))),
-        inclination=_find_largest(compute_inclination(nav_field), window, lambda a, b: np.abs(a - b)),
-        strength_uT=_find_largest(strength, window, lambda a, b: np.abs(a - b)),
-    )
+    return _find_largest(nav_field, window, lambda a, b: np.linalg.norm(a - b, axis=1))
 
 
 def measure_compass_deviation(nav_field: Floats, earth_field: Floats) -> Floats:

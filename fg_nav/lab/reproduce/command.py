@@ -62,21 +62,11 @@ def reproduce(
     quick: bool = False,
     force: bool = False,
 ) -> Reproduction:
-    """Make a paper's experiments into a folder.
+    """Make the experiments of one of `PAPERS` into a folder that is new, empty, or of the same paper.
 
-    Parameters
-    ----------
-    paper : one of `fg_nav.lab.reproduce.table.PAPERS`.
-    out : the folder: new, empty, or of the same paper.
-    seeds, first : how many walks of each kind, `SEEDS` or quick `QUICK_SEEDS` by default, and the first of their seeds.
-    workers : processes; None for one a core.
-    quick : fewer walks, and whatever else the paper's experiments leave out then.
-    force : replace the result in the folder; finished walks are kept and used.
-
-    Raises
-    ------
-    OutputError
-        If the folder holds something else, or a result and `force` is not set, or cannot be written.
+    `seeds` is how many walks there are of each kind, `first` the first of their seeds. With `force` the result in the
+    folder is replaced; finished walks are kept and used. Raises `OutputError` if the folder holds something else, or a
+    result and `force` is not set, or cannot be written.
     """
     number = (QUICK_SEEDS if quick else SEEDS) if seeds is None else seeds
     with claim_folder(out, paper, force):

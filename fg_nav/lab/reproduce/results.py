@@ -1,17 +1,9 @@
 """What an experiment of a paper came to: rows of figures with a verdict, their text, reasons, pictures, and the file.
 
 A row has the paper's figure p, as printed and as a number where it is one, and what each of our columns (methods)
-made of it over the seeds. The verdict is of one column, the paper's own method, by its median m:
-
-    reproduced     |m - p| <= tolerance |p|, or where the paper has a bound ("at most 0.5 m"): m holds it
-    better         m is off p on the good side
-    missed         off on the bad side; `explained` is noted where `why` gives a reason for that side
-    put in         m is p because a setting of ours was chosen by p: it is no result
-    as asked       p is a bound that was asked of ours, not the paper's, and m holds it
-    short          it does not
-    ""             the paper has no figure for it, or ours has none
-
-A verdict is computed; only the reason is written by hand (`fg_nav.lab.reproduce.table`).
+made of it over the seeds. The verdict (`MEANINGS`) is of one column, the paper's own method, by its median m:
+reproduced where |m - p| <= tolerance |p|, or where the paper has a bound ("at most 0.5 m"), m holds it. A verdict is
+computed; only the reason is written by hand (`fg_nav.lab.reproduce.table`).
 
 The file `results.json` has nothing of time or machine, so the same walks give the same bytes. JSON has no infinity:
 what never came or failed is the text "inf", and what is not known is null.

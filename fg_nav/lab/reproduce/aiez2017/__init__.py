@@ -16,9 +16,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
-from matplotlib.axes import Axes
 
-from fg_nav.arrays import Bools
 from fg_nav.frames import wrap_angle
 from fg_nav.lab import palette
 from fg_nav.lab.campaign.walks import LOOP
@@ -94,49 +92,28 @@ def _share(walks: Sequence[Judged], zone: tuple[float, float], name: str) -> Spr
 
 # --- pictures --------------------------------------------------------------------------------------------------------
 
-ZOOM_S = 8.0  # Before and after the footfall that the magnet turns most.
+CLOSE_S = 8.0  # What is drawn: before and after the footfall that the magnet turns most.
 
-_DRAWN = {
-    "classical QMD": "classical",
-    "proposed, as printed": "as printed",
-    "proposed, with the sigmas of physics": "physical",
-}
+_TITLES = ("classical QMD", "proposed, as printed", "proposed, with the sigmas of physics")  # Of the `DETECTORS`.
 
 
 def draw_verdicts(pictures: Pictures, walk: Arrays) -> Picture:
-    """Headings by compass and gyroscope, and what each detector accepts; to the right the magnet from close by."""
-    whole = np.ones(len(walk["t"]), dtype=bool)
-    worst = walk["t"][np.nanargmax(walk["turned_deg"])]
-    close = np.abs(walk["t"] - worst) < ZOOM_S
-    with style.styled():
-        figure, panels = new_panels(len(_DRAWN), 2, 3.0 * len(_DRAWN), 10.0)
-        for row, (words, column) in enumerate(_DRAWN.items()):
-            accepted = walk[f"statistic {DETECTORS[column]}"] < 1.0
-            for part, axes in zip((whole, close), panels[2 * row :], strict=False):
-                _draw_accepted(axes, walk, part, accepted)
-            style.head(panels[2 * row], words, columns=2)
-            panels[2 * row + 1].set_title("beside the magnet")
-        for axes in panels[-2:]:
-            axes.set_xlabel("time (s)")
-    return pictures.keep(
-        figure,
-        6,
-        "detection by classical QMD and by the proposed method beside the magnet",
-        "past ten magnets in one place; dots: accepted, red circles: turned by the magnet by more than 10 deg",
-    )
-
-
-def _draw_accepted(axes: Axes, walk: Arrays, part: Bools, accepted: Bools) -> None:
-    """Draw the headings of those footfalls, in deg about the gyroscope's, unwrapped."""
-    t, gyroscope = walk["t"][part], walk["gyroscope"][part]
+    """Headings by compass and gyroscope beside the magnet, in deg, unwrapped, and what each detector accepts."""
+    close = np.abs(walk["t"] - walk["t"][np.nanargmax(walk["turned_deg"])]) < CLOSE_S
+    t, gyroscope, near = walk["t"][close], walk["gyroscope"][close], walk["turned_deg"][close] > NEAR[0]
     inertial = np.degrees(np.unwrap(gyroscope))
-    compass = inertial + np.degrees(wrap_angle(walk["compass"][part] - gyroscope))
-    near, used = (walk["turned_deg"] > NEAR[0])[part], accepted[part]
-    axes.plot(t, inertial, color=style.INK, linewidth=1.2, label="INS heading")
-    axes.plot(t, compass, color=palette.ORANGE, linewidth=0.9, label="magnetic heading")
-    axes.plot(t[used], compass[used], "o", color=palette.BLUE, markersize=3.0, label="accepted")
-    axes.plot(
-        t[near], compass[near], "o", color="red", markersize=9.0, markerfacecolor="none", label="disturbed", zorder=5
-    )
-    axes.set_ylabel("heading (deg)")
-    axes.margins(x=0.02)
+    compass = inertial + np.degrees(wrap_angle(walk["compass"][close] - gyroscope))
+    with style.styled():
+        figure, panels = new_panels(len(DETECTORS), 1, 3.0 * len(DETECTORS))
+        for axes, title, detector in zip(panels, _TITLES, DETECTORS.values(), strict=True):
+            used = walk[f"statistic {detector}"][close] < 1.0
+            axes.plot(t, inertial, color=style.INK, linewidth=1.2, label="INS heading")
+            axes.plot(t, compass, color=palette.ORANGE, linewidth=0.9, label="magnetic heading")
+            axes.plot(t[used], compass[used], "o", color=palette.BLUE, markersize=3.0, label="accepted")
+            axes.plot(t[near], compass[near], "o", mfc="none", mec="red", markersize=9.0, label="disturbed", zorder=5)
+            axes.set_ylabel("heading (deg)")
+            style.head(axes, title, columns=2)
+        panels[-1].set_xlabel("time (s)")
+    what = "detection by classical QMD and by the proposed method beside the magnet"
+    ours = "past ten magnets in one place; dots: accepted, red circles: turned by the magnet by more than 10 deg"
+    return pictures.keep(figure, 6, what, ours)

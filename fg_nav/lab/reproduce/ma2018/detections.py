@@ -127,7 +127,7 @@ def measure_detections(scenario: str, seed: int) -> Arrays:
         field = average_footfall_field(replace(recording, mag=mag), stances, nav_R_body=attitude)
         # what is true of the stances, and what the detectors make of them
         arrays |= {
-            f"{name}/vector_uT": measure_field_change(nav_field, WINDOW).vector_uT,
+            f"{name}/vector_uT": measure_field_change(nav_field, WINDOW),
             f"{name}/course_deg": np.rad2deg(measure_course_change(recording.truth.position[sample], WINDOW)),
             f"{name}/wrong_deg": np.abs(np.rad2deg(measure_compass_deviation(nav_field, smooth.earth.vector))),
         }
