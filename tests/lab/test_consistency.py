@@ -75,15 +75,6 @@ def test_the_yaw_is_the_most_likely_one():
         assert np.einsum("ki,kij,kj", error, information, error) > found.nees.sum()
 
 
-def test_coverage_counts_the_stances_inside_the_ellipsoid():
-    truth, estimate, covariance = drawn_walk(np.random.default_rng(8))
-    found = compute_stance_nees(
-        stance_table(estimate, position_cov=covariance), TrajectoryTruth(np.arange(60.0), truth)
-    )
-    assert found.coverage(0.5) == np.mean(found.nees < 2.366)
-    assert found.mean_ratio == pytest.approx(found.nees.mean() / 3)
-
-
 def test_what_cannot_be_judged_is_said():
     truth, estimate, covariance = drawn_walk(np.random.default_rng(4))
     table = stance_table(estimate, position_cov=covariance)

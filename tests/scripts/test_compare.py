@@ -12,6 +12,7 @@ from fg_nav.lab.campaign.execute import evaluate_outcome, tasks_of
 from fg_nav.lab.campaign.methods import method_of, solve_by
 from fg_nav.lab.campaign.walks import Simulated, simulate_calibration, simulate_walk
 from fg_nav.lab.simulation import simulate
+from fg_nav.lab.simulation.walk import Passing
 from fg_nav.lab.store import code
 from fg_nav.lab.store.results import Key, Result, read_result, write_result
 from fg_nav.lab.walked import AS_STARTED, BEST_YAW, WalkErrors
@@ -86,12 +87,8 @@ def test_one_walk_is_one_job_for_all_methods_and_magnetometers():
     keys = [
         replace(KEY, method=m, magnetometer=c, walk=w) for m in ("iez", "qsf") for c in ("loop", "raw") for w in "12"
     ]
-    jobs = tasks_of(keys, dict.fromkeys(keys, SETTINGS))
-    assert [job.walk for job in jobs] == ["1", "2"]
-    assert {name: sorted(methods) for name, methods in jobs[0].missing.items()} == {
-        "loop": ["iez", "qsf"],
-        "raw": ["iez", "qsf"],
-    }
+    jobs = tasks_of(dict.fromkeys(keys, SETTINGS))
+    assert [set(job.settings) for job in jobs] == [{key for key in keys if key.walk == walk} for walk in "12"]
 
 
 def test_medians_stand_over_the_paper_and_the_reduction_is_walk_by_walk(capsys):
@@ -173,11 +170,11 @@ def test_it_runs_joins_and_skips(tmp_path, capsys, monkeypatch):
     first = tmp_path / "demo_smooth_loop_iez_101.json"
     stamp = first.stat().st_mtime_ns
     asked = []
-    monkeypatch.setattr(script, "store_task", noted(asked))
+    monkeypatch.setattr(script, "run_here", noted(asked))
     script.main([*demo, "--methods", "iez", "qsf", "--magnetometer", "loop", "perfect"])
     [task] = asked
-    assert task.missing.keys() == {"loop", "perfect"}
-    assert (sorted(task.missing["loop"]), sorted(task.missing["perfect"])) == (["qsf"], ["iez", "qsf"])
+    made = sorted((key.magnetometer, key.method) for key in task.settings)
+    assert made == [("loop", "qsf"), ("perfect", "iez"), ("perfect", "qsf")]
     assert first.stat().st_mtime_ns == stamp
     printed = capsys.readouterr().out
     assert "demo, smooth, magnetometer perfect: 1 walk," in printed
@@ -189,7 +186,8 @@ def test_it_runs_joins_and_skips(tmp_path, capsys, monkeypatch):
     assert loop["errors"]["origin"]["max_m"] < 1.0  # in the sixties of metres: given the true heading at the start
     monkeypatch.setattr(script, "draw_case", lambda *_: None)
     # Other code is joined, unless that is not wanted.
-    monkeypatch.setattr(script, "code_sum", lambda: "other code")
+    for one in (script, execute):
+        monkeypatch.setattr(one, "code_sum", lambda: "other code")
     script.main([*demo, "--methods", "iez"])
     assert "1 of 1 results were made by other code (iez)" in capsys.readouterr().out
     assert first.stat().st_mtime_ns == stamp
@@ -205,13 +203,13 @@ def test_it_runs_joins_and_skips(tmp_path, capsys, monkeypatch):
 
 def noted(asked):
     """Make walks as ever, and note what was asked for."""
-    store = script.store_task
+    run = script.run_here
 
-    def store_task(task, folder, code):
-        asked.append(task)
-        store(task, folder, code)
+    def run_here(tasks, workers):
+        asked.extend(tasks)
+        return run(tasks, workers)
 
-    return store_task
+    return run_here
 
 
 def test_a_loop_with_the_same_shoe_takes_the_iron_off():
@@ -250,8 +248,7 @@ def test_errors_at_landmarks_are_those_of_the_path_there():
     stood = outcome.solution.stances.sample[5:40:7]
 
     class Marked(Simulated):
-        landmark = tuple("ABCAB")
-        passed = walk.truth.t[stood], walk.truth.position[stood]
+        landmarks = tuple(map(Passing, "ABCAB", walk.truth.t[stood], walk.truth.position[stood]))
 
     found = evaluate_outcome(Result(KEY, SETTINGS, "code"), Marked("demo", "smooth", 101), walk, outcome)
     assert found.landmark == tuple("ABCAB")
