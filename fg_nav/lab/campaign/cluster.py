@@ -94,9 +94,9 @@ def run_on_dask(
         return
     workers = min(workers, sum(len(task.settings) for task in tasks))
     with _connect(scheduler, workers) as client:
-        # Wait for workers, and see that they have our code.
+        # Wait for the user's workers, and see that they have our code.
         if scheduler is not None:
-            workers = _count_workers(client, notify)
+            workers = wait_for_workers(client, notify)
             check_code(client)
             tasks = [replace(task, source=pack(task.source)) for task in tasks]
         # Send all walks; where there are fewer than workers, each result by itself.
@@ -139,20 +139,17 @@ def _connect(scheduler: str | None, workers: int) -> Iterator[Client]:
             if scheduler is None:
                 opened.enter_context(dask.config.set(_LOCAL))
                 local = LocalCluster(
-                    n_workers=workers,
-                    threads_per_worker=1,
-                    processes=True,
-                    host="127.0.0.1",
-                    dashboard_address="127.0.0.1:0",
+                    n_workers=workers, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0",
                     silence_logs=logging.CRITICAL,
-                )
+                )  # fmt: skip
                 opened.enter_context(local)
             client = Client(scheduler or local, timeout=CONNECT_S, set_as_default=False)
         except (OSError, RuntimeError, ValueError, ImportError) as error:
-            if scheduler is None:
-                raise CampaignError(f"no Dask cluster could be started here ({error}): try fewer --workers.") from None
             raise CampaignError(
-                f"no Dask scheduler answers at {scheduler}: start one with `dask scheduler`, or leave --scheduler out."
+                f"no Dask cluster could be started here ({error}): try fewer --workers."
+                if scheduler is None
+                else f"no Dask scheduler answers at {scheduler}: start one with `dask scheduler`, or leave --scheduler "
+                "out."
             ) from None
         try:
             yield client
@@ -161,8 +158,8 @@ def _connect(scheduler: str | None, workers: int) -> Iterator[Client]:
                 client.close(timeout=2.0)
 
 
-def _count_workers(client: Client, notify: Notify) -> int:
-    """Return how many workers the user's cluster has; waits for the first."""
+def wait_for_workers(client: Client, notify: Notify) -> int:
+    """Return how many workers there are, as soon as there is one."""
     if not client.scheduler_info(n_workers=-1)["workers"]:
         notify("the cluster has no workers: waiting for some")
     try:

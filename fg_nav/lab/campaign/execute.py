@@ -14,7 +14,7 @@ import threading
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from itertools import groupby
+from itertools import groupby, product
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -192,7 +192,7 @@ def _round_positions(position: Floats) -> list[list[float]]:
     return [[round(float(x), 2), round(float(y), 2)] for x, y in position[:, :2]]
 
 
-# --- what is asked for, and with what ------------------------------------------------------------------------------
+# --- what is asked for, and with what --------------------------------------------------------------------------------
 
 
 def simulated_keys(
@@ -203,14 +203,8 @@ def simulated_keys(
     seeds: Sequence[int],
 ) -> list[Key]:
     """Keys of simulated walks, method by method within a case."""
-    return [
-        Key(name, level, str(seed), magnetometer, method)
-        for name in scenarios
-        for level in fields
-        for magnetometer in magnetometers
-        for method in methods
-        for seed in seeds
-    ]
+    cases = product(scenarios, fields, magnetometers, methods, seeds)
+    return [Key(name, level, str(seed), magnetometer, method) for name, level, magnetometer, method, seed in cases]
 
 
 def recorded_keys(
@@ -225,13 +219,11 @@ def recorded_keys(
     In place of a loop or a perfect magnetometer they are calibrated on themselves, or by the file of the groups that
     are `calibrated`.
     """
-    keys = [
-        Key(group, field, walk, one if one in (WALK, RAW, NONE) else LOOP if group in calibrated else WALK, method)
-        for group, walks in recorded.items()
-        for one in magnetometers
-        for method in methods
-        for walk in walks
-    ]
+    keys = []
+    for group, walks in recorded.items():
+        best = LOOP if group in calibrated else WALK
+        possible = [one if one in (WALK, RAW, NONE) else best for one in magnetometers]
+        keys += [Key(group, field, walk, *case) for *case, walk in product(possible, methods, walks)]
     return list(dict.fromkeys(keys))
 
 

@@ -1,17 +1,8 @@
-"""The folder of a campaign: marked as ours and locked by one campaign at a time; and its tables.
+"""The folder of a campaign, marked as ours and locked by one campaign at a time, and its tables (docs/campaigns.md).
 
 The lock on the marker file keeps a second campaign out: the system releases it when the process ends, however it ends.
-On a system or network disk without locks no campaign is kept out.
-
-Another plan is not refused in the folder: a plan grows, and results that no plan has any more do no harm. Each result
-is stored by its key, and the tables are of the present plan alone: the same campaign gives the same bytes, whenever it
-was run.
-
-======================= ===========================================================================================
-results.parquet         one row a result and alignment, in the order of their keys; a result that failed has one row
-results.csv             the same
-timings.parquet         one row a result, with what differs from run to run: its time, and the code that made it
-======================= ===========================================================================================
+The tables are of the present plan alone: the same campaign gives the same bytes, whenever it was run. What differs from
+run to run, times and code, is in a table of its own.
 """
 
 from __future__ import annotations
@@ -54,12 +45,7 @@ BATCH = 1000  # Results that are written into the tables at once: a long one is 
 def lock_folder(out: Path) -> Iterator[None]:
     """Make the folder if it is missing, and lock it while the block runs.
 
-    Raises
-    ------
-    CampaignError
-        If another campaign runs there.
-    OutputError
-        If something else fills the folder, or the system refuses.
+    Raises `CampaignError` if another campaign runs there, `OutputError` if something else fills it, or it cannot be.
     """
     try:
         foreign = find_foreign(out, CAMPAIGN_MARKER, (RESULTS_FOLDER, *TABLES))

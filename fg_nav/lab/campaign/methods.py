@@ -45,10 +45,7 @@ class Method:
     def checked(self) -> Method:
         """Return itself with its values as the parameters have them: 1 and 1.0 are one value of a real number.
 
-        Raises
-        ------
-        EstimationError
-            If there is no such method, preset of it or parameter, or a value is of another type.
+        Raises `EstimationError` if there is no such method, preset of it or parameter, or a value is of another type.
         """
         found = find_method(self.name)
         check_preset(self.preset)

@@ -87,23 +87,15 @@ class PlanFile(_Strict):
 
 @dataclass(frozen=True)
 class Plan:
-    """All names are known, and all lists without repetition.
-
-    Attributes
-    ----------
-    scenarios, fields, seeds, magnetometers : of the simulated walks; the last of the recorded ones too.
-    methods : words, those with parameters one for each point of the grid (`fg_nav.lab.campaign.methods`).
-    walks : recorded.
-    own : the user's scenarios, by name among the others.
-    """
+    """All names are known, and all lists without repetition."""
 
     scenarios: tuple[str, ...]
     fields: tuple[str, ...]
     seeds: Sequence[int]
-    methods: tuple[str, ...]
-    magnetometers: tuple[str, ...]
-    walks: tuple[WalkFile, ...] = ()
-    own: Mapping[str, UserScenario] = field(default_factory=dict)
+    methods: tuple[str, ...]  # Words (`fg_nav.lab.campaign.methods`), one for each point of a grid.
+    magnetometers: tuple[str, ...]  # Of recorded walks too.
+    walks: tuple[WalkFile, ...] = ()  # Recorded.
+    own: Mapping[str, UserScenario] = field(default_factory=dict)  # The user's scenarios, by name among the others.
 
     def list_keys(self) -> list[Key]:
         """Return the keys of all results; raises `CampaignError` if two would be stored in one file."""
@@ -146,10 +138,7 @@ class Plan:
 def read_plan(path: Path) -> Plan:
     """Read a plan, and look into its folders.
 
-    Raises
-    ------
-    CampaignError
-        If the file cannot be read, has unknown keys or names, or values of another type.
+    Raises `CampaignError` if the file cannot be read, has unknown keys or names, or values of another type.
     """
     try:
         content = tomllib.loads(read_small(path).decode("utf-8-sig"))
@@ -274,7 +263,7 @@ def _list_methods(words: Sequence[str], grids: Mapping[str, Mapping[str, Any]]) 
 def _flatten(table: Mapping[str, Any], where: str) -> dict[str, list[Scalar]]:
     """Dotted names, each with its values."""
     flat: dict[str, list[Scalar]] = {}
-    for name, value in _dotted(table):
+    for name, value in _list_dotted(table):
         values = value if isinstance(value, list) else [value]
         if not values or not all(type(one) in get_args(Scalar) for one in values):
             raise CampaignError(
@@ -286,9 +275,9 @@ def _flatten(table: Mapping[str, Any], where: str) -> dict[str, list[Scalar]]:
     return flat
 
 
-def _dotted(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+def _list_dotted(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
     for name, value in table.items():
         if isinstance(value, Mapping):
-            yield from _dotted(value, f"{before}{name}.")
+            yield from _list_dotted(value, f"{before}{name}.")
         else:
             yield f"{before}{name}", value

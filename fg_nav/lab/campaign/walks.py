@@ -74,13 +74,10 @@ class UserScenario:
 
 @dataclass(frozen=True)
 class Reading:
-    """How recordings are read: name of the format, None to recognize it; the calibration, None without.
+    """How recordings are read."""
 
-    The calibration itself, not its file: a worker may have another disk.
-    """
-
-    format: str | None = None
-    calibration: Calibration | None = None
+    format: str | None = None  # Its name; None to recognize it.
+    calibration: Calibration | None = None  # Not its file: a worker may have another disk.
 
 
 @dataclass(frozen=True)
@@ -149,23 +146,14 @@ def calibrate_on_itself(walk: Walk) -> Walk:
 
 @dataclass(frozen=True)
 class Recorded:
-    """A recorded walk, with its magnetometer.
-
-    Attributes
-    ----------
-    path, truth : files of the recording and of its truth, if it has one.
-    beside : other files that the reader looks at.
-    reading : how it is read.
-    contents : name and content of the files, for a worker with another disk (`pack`).
-    landmarks : none.
-    """
+    """A recorded walk, with its magnetometer."""
 
     path: Path
-    truth: Path | None = None
-    beside: tuple[Path, ...] = ()
+    truth: Path | None = None  # File of its truth, if it has one.
+    beside: tuple[Path, ...] = ()  # Other files that the reader looks at.
     reading: Reading = Reading()
-    contents: tuple[tuple[str, bytes], ...] = ()
-    landmarks: tuple[Passing, ...] = ()
+    contents: tuple[tuple[str, bytes], ...] = ()  # Of its files by name, for a worker with another disk (`pack`).
+    landmarks: tuple[Passing, ...] = ()  # None.
 
     @property
     def files(self) -> list[Path]:
@@ -250,11 +238,8 @@ class WalkFile:
 def find_walks(folders: Sequence[Path], readings: Mapping[str, Reading] = MappingProxyType({})) -> tuple[WalkFile, ...]:
     """Find the walks of folders, sorted within each; `readings` are by the folders' names.
 
-    Raises
-    ------
-    CampaignError
-        If a folder is not there or holds no walk, two have the same name, a file's name is no text, or a reading is of
-        no folder.
+    Raises `CampaignError` if a folder is not there or holds no walk, two have the same name, a file's name is no text,
+    or a reading is of no folder.
     """
     found: dict[str, list[WalkFile]] = {}
     for folder in folders:

@@ -10,8 +10,14 @@ import dask
 import pytest
 
 from fg_nav.errors import CampaignError
-from fg_nav.lab.campaign import cluster
-from fg_nav.lab.campaign.cluster import KILLED, check_address, check_code, check_installed, run_on_dask
+from fg_nav.lab.campaign.cluster import (
+    KILLED,
+    check_address,
+    check_code,
+    check_installed,
+    run_on_dask,
+    wait_for_workers,
+)
 from fg_nav.lab.campaign.walks import Recorded
 from fg_nav.lab.store.code import code_sum
 from tests.lab.campaign import fakes
@@ -81,14 +87,14 @@ def test_workers_must_have_the_same_program():
             check_code(client(answer))
 
 
-def test_a_cluster_without_workers_is_waited_for_so_long(monkeypatch):
-    def wait_for_workers(n_workers, timeout):
+def test_a_cluster_without_workers_is_waited_for_so_long():
+    def late(n_workers, timeout):
         raise TimeoutError
 
-    client = SimpleNamespace(scheduler_info=lambda n_workers: {"workers": {}}, wait_for_workers=wait_for_workers)
+    client = SimpleNamespace(scheduler_info=lambda n_workers: {"workers": {}}, wait_for_workers=late)
     notes = []
     with pytest.raises(CampaignError, match="has had no workers for 300 s: start some"):
-        cluster._count_workers(client, notes.append)
+        wait_for_workers(client, notes.append)
     assert notes == ["the cluster has no workers: waiting for some"]
 
 

@@ -18,9 +18,8 @@ from fg_nav.lab.campaign import folder as table
 from fg_nav.lab.campaign.cluster import KILLED
 from fg_nav.lab.campaign.command import Summary, run_campaign
 from fg_nav.lab.campaign.execute import run_task
-from fg_nav.lab.campaign.folder import RESULTS, RESULTS_FOLDER, TABLES, TIMINGS, lock_folder, write_tables
+from fg_nav.lab.campaign.folder import RESULTS, RESULTS_FOLDER, TABLES, TIMINGS, write_tables
 from fg_nav.lab.store import code
-from fg_nav.lab.store.files import CAMPAIGN_MARKER
 from fg_nav.lab.store.results import Key, Result, write_result
 from fg_nav.lab.verbs import experiments
 from fg_nav.lab.verbs.experiments import print_campaign
@@ -164,16 +163,6 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path, plan, made, fg_nav: 
     assert not made
 
 
-def test_a_folder_of_ours_is_known_by_its_mark_or_by_having_nothing_else(tmp_path, plan, made):
-    run(plan, tmp_path / "ours", made)
-    (tmp_path / "ours" / "letter.txt").touch()
-    assert run(plan, tmp_path / "ours", made).stored == 4
-    (tmp_path / "ours" / "letter.txt").unlink()
-    (tmp_path / "ours" / CAMPAIGN_MARKER).unlink()
-    assert run(plan, tmp_path / "ours", made).stored == 4
-    assert (tmp_path / "ours" / CAMPAIGN_MARKER).is_file()
-
-
 def test_a_plan_may_grow_and_results_of_no_plan_any_more_are_reported(tmp_path, plan, made, capsys):
     run(plan, tmp_path / "out", made)
     plan.write_text(PLAN.replace("seeds = 2", "seeds = 3"))
@@ -204,17 +193,6 @@ def test_a_campaign_holds_its_folder_until_it_ends_however_it_ends(tmp_path, pla
     assert not [path for path in out.rglob("*") if path.name.endswith(".part")]
 
 
-def test_without_locks_nobody_is_kept_out(tmp_path, monkeypatch):
-    def refuse(*given: object) -> None:
-        raise OSError(errno.ENOTSUP, "no locks")
-
-    monkeypatch.setattr("fcntl.flock", refuse)
-    with lock_folder(tmp_path / "out"):
-        (tmp_path / "out" / ".results.csv.1.part").touch()
-        with lock_folder(tmp_path / "out"):
-            assert (tmp_path / "out" / ".results.csv.1.part").exists()
-
-
 def test_tables_go_while_results_are_missing_and_a_stop_is_reported(tmp_path, plan, made, monkeypatch, fg_nav: FgNav):
     out = tmp_path / "out"
     run(plan, out, made)
@@ -232,15 +210,6 @@ def test_tables_go_while_results_are_missing_and_a_stop_is_reported(tmp_path, pl
     assert not [name for name in TABLES if (out / name).exists()]
     assert run(plan, out, made).stored == 6
     assert [name for name in TABLES if (out / name).exists()] == list(TABLES)
-
-
-def test_a_result_that_another_program_takes_away_is_reported(tmp_path, plan, made):
-    def execute(tasks):
-        yield from made.execute(tasks)
-        next((tmp_path / "out" / RESULTS_FOLDER).glob("*.json")).unlink()
-
-    with pytest.raises(OutputError, match="is not what was kept there: run the same command again"):
-        run_campaign(plan, tmp_path / "out", execute)
 
 
 @pytest.mark.parametrize(("number", "hint"), [(errno.ENOSPC, "make room"), (errno.EIO, "name another folder")])
@@ -279,13 +248,6 @@ def test_a_cluster_that_cannot_be_is_refused(tmp_path, plan, monkeypatch, fg_nav
     assert asked("--scheduler", "tcp://127.0.0.1:1").refused("no Dask scheduler answers at tcp://127.0.0.1:1")
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert asked().refused("pip install 'fg-nav[campaign]'", "distributed")
-
-
-def test_dask_is_loaded_by_nobody_else():
-    script = "import sys, fg_nav, fg_nav.cli, fg_nav.walk, fg_nav.smoother; print(*sys.modules)"
-    loaded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout.split()
-    assert "fg_nav.smoother" in loaded
-    assert not {"dask", "distributed", "pyarrow.parquet"} & set(loaded)
 
 
 def test_ctrl_c_ends_the_campaign_and_its_workers_and_the_same_command_goes_on(tmp_path, plan, made):
