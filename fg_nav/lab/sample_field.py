@@ -20,13 +20,11 @@ judged as if all of a change had to happen in it.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
 from scipy.special import chndtrix
 
-from fg_nav.arrays import Floats
 from fg_nav.errors import MagneticError
 from fg_nav.magnetic.detectors import FALSE_ALARM_RATE, OverThreshold
 from fg_nav.recording import Recording
@@ -37,24 +35,9 @@ SIGMA_UT = 0.15  # Of one sample of |B|: noise, 0.11 on the simulated MTw, and t
 MATTERS_UT = 0.5  # Least change over the window to be rejected: across a field of 48 uT a turn of half a degree.
 SETTINGS: Mapping[str, float] = MappingProxyType(
     {
-        "window_s": WINDOW_S,
-        "sigma_uT": SIGMA_UT,
-        "matters_uT": MATTERS_UT,
-        "false_alarm_rate": FALSE_ALARM_RATE,
+        "window_s": WINDOW_S, "sigma_uT": SIGMA_UT, "matters_uT": MATTERS_UT, "false_alarm_rate": FALSE_ALARM_RATE,
     }
-)  # For a file of results.
-
-
-@dataclass(frozen=True)
-class Disturbance(OverThreshold):
-    """Verdicts on each of N samples.
-
-    Attributes
-    ----------
-    statistic : (N,) over its threshold; NaN where there were too few samples of the field.
-    """
-
-    statistic: Floats
+)  # fmt: skip  # For a file of results.
 
 
 def find_sample_threshold(count: int) -> float:
@@ -63,8 +46,8 @@ def find_sample_threshold(count: int) -> float:
     return float(chndtrix(FALSE_ALARM_RATE, count - 1, noncentrality))
 
 
-def judge_samples(recording: Recording) -> Disturbance:
-    """Judge the field at each sample by the window that ends there.
+def judge_samples(recording: Recording) -> OverThreshold:
+    """Judge the field at each sample by the window that ends there; NaN where that has too few of the field.
 
     Raises `MagneticError` without a magnetometer, or if no window has enough samples of the field.
     """
@@ -86,4 +69,4 @@ def judge_samples(recording: Recording) -> Disturbance:
     threshold = np.full(count.max() + 1, np.nan)
     for n in np.unique(count[count >= MIN_SAMPLES]):
         threshold[n] = find_sample_threshold(int(n))
-    return Disturbance(scatter / SIGMA_UT**2 / threshold[count])
+    return OverThreshold(scatter / SIGMA_UT**2 / threshold[count])
