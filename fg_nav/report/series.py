@@ -400,7 +400,14 @@ def draw_graph(view: AlignedSolution, frame: Frame) -> list[Chart]:
     if table.compass_weight is not None and bool((table.compass_weight > 0.0).any()):
         charts += [_draw_weights(table, table.compass_weight), _draw_heaviest(view, frame, table.compass_weight)]
     if solution.graph:
-        charts.append(_draw_bias(table))
+        # bias about up, by which the heading drifts
+        up = table.nav_R_body[:, 2]
+        bias = np.rad2deg((table.gyro_bias * up).sum(axis=1))
+        sigma = np.rad2deg(np.sqrt(((table.gyro_bias_sigma * up) ** 2).sum(axis=1)))
+        estimate = _at_stances(table.t, bias, BLUE, "estimate") | {"mode": "lines+markers"}
+        traces = [band(table.t, bias, BAND * sigma, BLUE, "95 %"), estimate]
+        caption = "Gyroscope bias about up, which turns the heading; its band without correlations of the axes."
+        charts.append(stack("bias-up", [Panel("bias about up (deg/s)", traces)], caption))
     if solution.moment is not None:
         batch = solution.stances if solution.polished is None else solution.polished.stances
         charts.append(_draw_moment(solution.moment, batch))
@@ -463,17 +470,6 @@ def _find_most(weight: Floats, then: Floats) -> Ints:
     count = min(max(round(HEAVIEST * len(weight)), 1), MAX_DOTS)
     heaviest = np.lexsort((-then, -weight))[:count]
     return np.sort(heaviest[weight[heaviest] > 0.0])
-
-
-def _draw_bias(table: StanceTable) -> Chart:
-    """Gyro bias about up, by which the heading drifts, with its 95 % band."""
-    up = table.nav_R_body[:, 2]
-    bias = np.rad2deg((table.gyro_bias * up).sum(axis=1))
-    sigma = np.rad2deg(np.sqrt(((table.gyro_bias_sigma * up) ** 2).sum(axis=1)))
-    estimate = _at_stances(table.t, bias, BLUE, "estimate") | {"mode": "lines+markers"}
-    traces = [band(table.t, bias, BAND * sigma, BLUE, "95 %"), estimate]
-    caption = "Gyroscope bias about up, which turns the heading; its band without correlations of the axes."
-    return stack("bias-up", [Panel("bias about up (deg/s)", traces)], caption)
 
 
 def _draw_moment(moment: StanceTable, batch: StanceTable) -> Chart:

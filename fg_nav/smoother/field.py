@@ -416,10 +416,7 @@ def _eliminate_between(problem: WalkProblem, values: gtsam.Values) -> LinearWalk
     between = np.delete(np.arange(len(problem.nodes)), problem.nodes.result)
     nodes = np.array([key(int(j)) for j in between for key in (X, V)], dtype=np.uint64)
     order = problem.time_order
-    first = np.isin(order, nodes)
-    stacks = problem.without(FieldFactors).system.stack(values)
-    walk = LinearWalk.of(stacks, np.concatenate([order[first], order[~first]]))
-    return walk.eliminate_before(len(nodes))
+    return LinearWalk.of(problem.without(FieldFactors).system.stack(values), order, np.isin(order, nodes))
 
 
 def _weigh_share(rest: LinearWalk, field: FieldFactors, values: gtsam.Values) -> float:
