@@ -103,8 +103,8 @@ class Roc:
         Raises `EvaluationError` with one walk only, as `band_at` does.
         """
         fewest = min(self.signals[:, -1].sum(), self.others[:, -1].sum())
-        left_out = (_compute_shares(_leave_one_out(counts)) for counts in (self.signals, self.others))
-        return _find_band(self.area, np.asarray(np.trapezoid(*left_out, axis=1)), fewest)
+        p_d, p_fa = (_compute_shares(_leave_one_out(counts)) for counts in (self.signals, self.others))
+        return _find_band(self.area, np.asarray(np.trapezoid(p_d, p_fa, axis=1)), fewest)
 
     def band_at(self, threshold: float) -> tuple[Band, Band]:
         """P_D and P_FA with this threshold, each with its band."""

@@ -20,11 +20,13 @@ judged as if all of a change had to happen in it.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
 from scipy.special import chndtrix
 
+from fg_nav.arrays import Floats
 from fg_nav.errors import MagneticError
 from fg_nav.magnetic.detectors import FALSE_ALARM_RATE, OverThreshold
 from fg_nav.recording import Recording
@@ -40,13 +42,20 @@ SETTINGS: Mapping[str, float] = MappingProxyType(
 )  # fmt: skip  # For a file of results.
 
 
+@dataclass(frozen=True)
+class Disturbance(OverThreshold):
+    """Verdicts on each of N samples."""
+
+    statistic: Floats
+
+
 def find_sample_threshold(count: int) -> float:
     """Threshold of the statistic of a sample with `count` samples in its window."""
     noncentrality = (MATTERS_UT / SIGMA_UT) ** 2 * count * (count + 1) / (12 * (count - 1))
     return float(chndtrix(FALSE_ALARM_RATE, count - 1, noncentrality))
 
 
-def judge_samples(recording: Recording) -> OverThreshold:
+def judge_samples(recording: Recording) -> Disturbance:
     """Judge the field at each sample by the window that ends there; NaN where that has too few of the field.
 
     Raises `MagneticError` without a magnetometer, or if no window has enough samples of the field.
@@ -69,4 +78,4 @@ def judge_samples(recording: Recording) -> OverThreshold:
     threshold = np.full(count.max() + 1, np.nan)
     for n in np.unique(count[count >= MIN_SAMPLES]):
         threshold[n] = find_sample_threshold(int(n))
-    return OverThreshold(scatter / SIGMA_UT**2 / threshold[count])
+    return Disturbance(scatter / SIGMA_UT**2 / threshold[count])
