@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
 from math import prod
@@ -94,15 +94,15 @@ class Plan:
     seeds: Sequence[int]
     methods: tuple[str, ...]  # Words (`fg_nav.lab.campaign.methods`), one for each point of a grid.
     magnetometers: tuple[str, ...]  # Of recorded walks too.
-    walks: tuple[WalkFile, ...] = ()  # Recorded.
-    own: Mapping[str, UserScenario] = field(default_factory=dict)  # The user's scenarios, by name among the others.
+    walks: Mapping[tuple[str, str], WalkFile]  # Recorded, by folder and name.
+    own: Mapping[str, UserScenario]  # The user's scenarios, by name among the others.
 
     def list_keys(self) -> list[Key]:
         """Return the keys of all results; raises `CampaignError` if two would be stored in one file."""
         recorded: dict[str, list[str]] = {}
-        for walk in self.walks:
-            recorded.setdefault(walk.group, []).append(walk.name)
-        calibrated = {walk.group for walk in self.walks if walk.source.reading.calibration is not None}
+        for group, name in self.walks:
+            recorded.setdefault(group, []).append(name)
+        calibrated = {group for (group, _), walk in self.walks.items() if walk.source.reading.calibration is not None}
         keys = [
             *simulated_keys(self.scenarios, self.fields, self.magnetometers, self.methods, self.seeds),
             *recorded_keys(recorded, RECORDED, self.magnetometers, self.methods, calibrated),
@@ -119,7 +119,7 @@ class Plan:
 
     def settings(self, keys: Sequence[Key]) -> dict[Key, Settings]:
         """Return what each result is made with; the walks of one scenario share it."""
-        files = {(walk.group, walk.name): (walk.sums(), walk.source.reading) for walk in self.walks}
+        files = {name: (walk.sums(), walk.source.reading) for name, walk in self.walks.items()}
         simulated = cache(settings_of)
         return {
             key: settings_of(key, True, *files[key.group, key.walk])
@@ -131,7 +131,7 @@ class Plan:
     def find_source(self, key: Key) -> Source:
         """Return the walk of a result."""
         if key.field == RECORDED:
-            return next(walk.source for walk in self.walks if (walk.group, walk.name) == (key.group, key.walk))
+            return self.walks[key.group, key.walk].source
         return Simulated(key.group, key.field, int(key.walk), self.own.get(key.group))
 
 
@@ -195,7 +195,8 @@ def _check_plan(file: PlanFile, folder: Path) -> Plan:
         if calibration is not None and calibration.magnetometer is None:
             raise CampaignError(f"{table.calibration} has no magnetometer: calibrate on circles, or leave it out.")
         readings[name] = Reading(table.format, calibration)
-    walks = find_walks([folder / name for name in dict.fromkeys(file.recordings)], readings)
+    found = find_walks([folder / name for name in dict.fromkeys(file.recordings)], readings)
+    walks = {(walk.group, walk.name): walk for walk in found}
     # All results.
     fields = _check_known("field", file.fields, (*FIELDS, *MIXTURES))
     magnetometers = _check_known("magnetometer", file.magnetometers, MAGNETOMETERS)
@@ -229,7 +230,6 @@ def _list_seeds(file: PlanFile) -> Sequence[int]:
         return list(dict.fromkeys(file.seeds))
     if isinstance(file.seeds, list) or file.seeds == 0:
         raise CampaignError(f"seeds cannot be {file.seeds!r}: {_SEEDS}.")
-    _check_size(file.seeds)
     return range(file.first_seed, file.first_seed + file.seeds)
 
 
