@@ -9,12 +9,9 @@ Both are calls of a `WalkSolver`, each a future where that is in the other proce
 Where that process cannot start, dies (memory, a signal), fails or has not answered for `MAX_S` (it was stopped), the
 `WalkSolver` of this process takes its place, on the samples that are here.
 
-Review: online, a footfall is reported before it is known how the walk goes on. Stances are detected again in all
-samples so far, as in a recording. A footfall without a sample in any of those stances was none and is taken out; a
-stance without a sample in any footfall was missed and is put in. What ends less than `OPEN_S` before the last sample
-stays.
-
-The whole walk is solved by the recipe of the batch (`smoother.batch`), with the position fixes whose time has come.
+Review: stances are detected again in all samples so far, as in a recording. A footfall without a sample in any of them
+was none and is taken out; a stance without a sample in any footfall was missed and is put in. What ends less than
+`OPEN_S` before the last sample stays. The whole walk is solved by the recipe of the batch (`smoother.batch`).
 
 Two feet: each walk alone, then both in one graph (`smoother.feet.solve_feet`) when the first of them is due, and the
 anchor state of each foot by the triangle of both; its newest strides go on from there alone, by its own marginal of one

@@ -5,11 +5,10 @@
     anchor state     -> takes effect at a footfall that was fixed beforehand: a new window begins there, and the past is
                         revised (`estimates.Revision`)
 
-The newest window is short, so that a footfall costs the same however long the walk; all of the past is in its anchor
-state. Where it ends, and when the walk is solved again (table in docs/online.md), is fixed by the count of footfalls
-alone, so the same calls give the same answers to the bit. A solution is waited for where it is solved in this process,
-or the walk spends less than half of its time waiting for samples: those of a recording. Where they come as they are
-walked it takes effect once it is there.
+Where the newest window ends, and when the walk is solved again (table in docs/online.md), is fixed by the count of
+footfalls alone, so the same calls give the same answers to the bit. A solution is waited for where it is solved in this
+process, or the walk spends less than half of its time waiting for samples: those of a recording. Where they come as
+they are walked it takes effect once it is there.
 """
 
 from __future__ import annotations

@@ -21,6 +21,7 @@ from fg_nav.online.estimates import (
     PersonEstimate,
     Revision,
     StanceEstimate,
+    format_estimate,
     format_feet_line,
 )
 from fg_nav.online.feet import FeetNavigator, FeetWalk
@@ -252,7 +253,9 @@ def test_lag_and_fixes_are_refused() -> None:
 
 
 def test_every_line_says_whose_it_is_and_in_which_frame() -> None:
-    for line in walked()[0]:
+    lines = [line for line in walked()[0] if not isinstance(line.content, StanceEstimate)]
+    assert {line.foot for line in lines} == {"left", "right", "person"}
+    for line in lines:
         for content in map(json.loads, format_feet_line(line)):
             assert list(content)[:3] == ["kind", "foot", "frame"]
             assert content["foot"] in ("left", "right", "person")
@@ -268,10 +271,11 @@ def push_in_g(navigator: FeetNavigator, sides: tuple[Side, ...]) -> list[FeetLin
 
 
 def line_texts(found: list[FeetLine], side: Side) -> list[str]:
-    return [
-        text for one in found if one.foot == side and not isinstance(one.content, FootState)
-        for text in format_feet_line(one)
-    ]  # fmt: skip
+    texts = []
+    for line in (one for one in found if one.foot == side and not isinstance(one.content, FootState)):
+        estimate = line.content
+        texts += [format_estimate(estimate, False)] if isinstance(estimate, StanceEstimate) else format_feet_line(line)
+    return texts
 
 
 def alone(side: Side, options: OnlineOptions, until_s: float) -> list[str]:
@@ -280,6 +284,4 @@ def alone(side: Side, options: OnlineOptions, until_s: float) -> list[str]:
     for _, rows in list_blocks(lambda one, t: one == side and t < until_s):
         found += navigator.push(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10])
     found += navigator.close()
-    continues = navigator.reported_continues
-    lines = [FeetLine(side, side, one, isinstance(one, StanceEstimate) and continues[one.number]) for one in found]
-    return line_texts(lines, side)
+    return line_texts([FeetLine(side, side, one) for one in found], side)
