@@ -1,5 +1,6 @@
 """What is made of a task: a walk once for all its results, each for itself, with its files or without."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -8,10 +9,13 @@ import pytest
 from fg_nav.errors import EstimationError
 from fg_nav.io.writing import write_canonical
 from fg_nav.lab.campaign import execute, walks
-from fg_nav.lab.campaign.execute import BUG, Task, make, run_task, tasks_of
-from fg_nav.lab.campaign.walks import LOOP, RAW, Recorded, Simulated, pack
+from fg_nav.lab.campaign.execute import BUG, Task, evaluate_outcome, make, run_task, tasks_of
+from fg_nav.lab.campaign.methods import solve_by
+from fg_nav.lab.campaign.walks import LOOP, RAW, Recorded, Simulated, pack, simulate_calibration, simulate_walk
 from fg_nav.lab.simulation import simulate
-from fg_nav.lab.store.results import Key, Result, read_result
+from fg_nav.lab.simulation.walk import Passing
+from fg_nav.lab.store.results import Key, Result, read_result, write_result
+from fg_nav.lab.walked import AS_STARTED, BEST_YAW, WalkErrors
 from fg_nav.text import to_json
 from tests.lab.campaign import fakes
 
@@ -126,3 +130,57 @@ def test_what_is_stored_holds_unless_it_is_to_be_made_again(tmp_path, monkeypatc
     monkeypatch.setattr(execute, "code_sum", lambda: "code")
     assert again(renew=True)[1] == ["ma2018"]
     assert again({key: {"of": 2} for key in settings})[1] == ["iez", "qsf", "ma2018"]
+
+
+def test_what_was_stored_by_other_settings_or_in_another_form_or_is_damaged_is_none(tmp_path):
+    key, settings = Key("mall", "indoor", "101", LOOP, "ma2018"), {"method": {"sigma": 0.1, "names": ["a", "b"]}}
+    errors = WalkErrors(AS_STARTED, 100.0, 3.0, None, float("nan"))
+    result = Result(key, settings, "code", errors={AS_STARTED: errors}, samples=1000, runtime_s=0.004)
+    write_result(tmp_path, result)
+    found = read_result(tmp_path, key, settings)
+    assert to_json(found) == to_json(result)
+    assert found.us_per_sample == 4.0
+    assert read_result(tmp_path, key, {"method": {"sigma": 0.2, "names": ["a", "b"]}}) is None
+    assert read_result(tmp_path, replace(key, walk="102"), settings) is None
+    path = tmp_path / key.file
+    whole = path.read_text()
+    for broken in (whole[: len(whole) // 2], "[]", "{}", json.dumps({**json.loads(whole), "form": 0})):
+        path.write_text(broken)
+        assert read_result(tmp_path, key, settings) is None
+
+
+def test_errors_at_landmarks_are_those_of_the_path_there():
+    """Landmarks where footfalls truly are: their errors are those of the footfalls, in both alignments."""
+    walk = Simulated("demo", "smooth", 101).prepare("perfect")
+    outcome = solve_by("iez", replace(walk, truth=None))
+    stood = outcome.solution.stances.sample[5:40:7]
+
+    class Marked(Simulated):
+        landmarks = tuple(map(Passing, "ABCAB", walk.truth.t[stood], walk.truth.position[stood]))
+
+    blank = Result(Key("demo", "smooth", "101", LOOP, "iez"), {}, "code")
+    found = evaluate_outcome(blank, Marked("demo", "smooth", 101), walk, outcome)
+    assert found.landmark == tuple("ABCAB")
+    for mode in (AS_STARTED, BEST_YAW):
+        apart = np.linalg.norm(np.array(found.estimate[mode]) - np.array(found.truth), axis=1)
+        np.testing.assert_allclose(found.landmark_m[mode], apart[5:40:7], atol=0.02)
+    assert found.landmark_m[AS_STARTED] != found.landmark_m[BEST_YAW]
+
+
+def test_a_mixture_has_the_steps_of_both_and_a_field_between_them():
+    smooth, between, indoor = (simulate_walk("demo", 101, level) for level in ("smooth", "between", "indoor"))
+    np.testing.assert_array_equal(between.recording.gyr, smooth.recording.gyr)
+    away = [np.nanmean(np.abs(between.recording.mag - other.recording.mag)) for other in (smooth, indoor)]
+    assert away[0] / (away[0] + away[1]) == pytest.approx(0.35)
+
+
+def test_a_loop_with_the_same_shoe_takes_the_iron_off():
+    sensor = simulate("demo", 101).drawn["sensor"]
+    hard, soft = np.array(sensor["hard_iron_uT"]), np.array(sensor["soft_iron"])
+    body_up = Simulated("demo", "smooth", 101).prepare(LOOP).field.nav_R_body[:, 2].mean(axis=0)
+    body_up /= np.linalg.norm(body_up)
+    level = np.eye(3) - np.outer(body_up, body_up)
+    added = hard + (soft - np.eye(3)) @ (-43.14 * body_up)
+    assert np.linalg.norm(level @ added) > 2.0
+    found = simulate_calibration("demo", 101).magnetometer.hard_iron_uT
+    assert np.linalg.norm(level @ (found - added)) < 1.0
