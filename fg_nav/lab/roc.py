@@ -179,22 +179,15 @@ def _find_band(value: float, left_out: Floats, cases: int) -> Band:
 # --- what is true ----------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class FieldChange:
-    """Largest change (F,) uT of the true field's vector over the window of each stance; NaN before a whole window."""
-
-    vector_uT: Floats
-
-
-def measure_field_change(nav_field: Floats, window: int) -> FieldChange:
-    """Follow the true field from stance to stance.
+def measure_field_change(nav_field: Floats, window: int) -> Floats:
+    """Largest change (F,) uT of the true field's vector over the window of each stance; NaN before a whole window.
 
     `nav_field` (F, 3) uT is true, in nav, at the footfalls; `window` is N, the steps in it.
 
     Raises `EvaluationError` for a window of no step, or a walk that is shorter than one window.
     """
     _check_window(nav_field, window)
-    return FieldChange(_find_largest(nav_field, window, lambda a, b: np.linalg.norm(a - b, axis=1)))
+    return _find_largest(nav_field, window, lambda a, b: np.linalg.norm(a - b, axis=1))
 
 
 def measure_compass_deviation(nav_field: Floats, earth_field: Floats) -> Floats:

@@ -51,7 +51,6 @@ def test_a_refusal_counts_as_infinite(loop):
     refused = replace(loop, heading={"refused": np.empty(0)})
     largest, rms = ma2018_loop.heading_errors([refused], "refused")
     assert np.isinf([largest[0], rms[0]]).all()
-    assert np.isinf(ma2018_loop._shape_of(None)).all()
 
 
 @pytest.mark.parametrize("way", script.WAYS)
