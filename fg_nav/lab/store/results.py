@@ -23,14 +23,14 @@ from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, TypeAdapter, ValidationError
+from pydantic import BeforeValidator, TypeAdapter
 
 from fg_nav.lab.store.code import code_sum, sum_sources
 from fg_nav.lab.store.files import atomic_write, make_folder, write_text
 from fg_nav.lab.walked import WalkErrors
 from fg_nav.text import to_json
 
-FORM = 2  # Layout of the files; an entry of another form does not hold.
+FORM = 2  # Layout of the files; one of another form does not hold.
 
 Arrays: TypeAlias = Mapping[str, NDArray[Any]]
 
@@ -43,28 +43,6 @@ def encode_number(value: float) -> float | str | None:
     if math.isnan(value):
         return None
     return value if math.isfinite(value) else str(value)
-
-
-@dataclass(frozen=True)
-class Entry:
-    """One JSON file, and the settings that its content is made with."""
-
-    path: Path
-    settings: Mapping[str, Any]
-
-    def read(self) -> dict[str, Any] | None:
-        """Return the content with its settings; None if it does not hold."""
-        try:
-            content = json.loads(self.path.read_text(encoding="utf-8"))
-            holds = content.pop("form") == FORM and content["settings"] == to_json(self.settings)
-        except (OSError, ValueError, KeyError, TypeError, AttributeError):
-            return None
-        return content if holds else None
-
-    def write(self, content: Mapping[str, Any]) -> None:
-        """Write the file; another process may write at the same time. Raises `OutputError` if the system refuses."""
-        whole = {"form": FORM, **content, "settings": to_json(self.settings)}
-        write_text(self.path, json.dumps(whole) + "\n")
 
 
 MEASUREMENTS = "parts"  # Folder of the measurements of a reproduction.
@@ -196,18 +174,20 @@ def drop_paths(result: Result) -> Result:
 
 
 def write_result(folder: Path, result: Result) -> None:
-    """Write a result; raises `OutputError` if the system refuses."""
-    Entry(folder / result.key.file, result.settings).write(to_json(result))
+    """Write a result; another process may write at the same time. Raises `OutputError` if the system refuses."""
+    write_text(folder / result.key.file, json.dumps({"form": FORM, **to_json(result)}) + "\n")
 
 
 def read_result(folder: Path, key: Key, settings: Mapping[str, Any]) -> Result | None:
     """Read a result; None if there is none that holds."""
     try:
-        content = Entry(folder / key.file, settings).read()
-        result = None if content is None else _adapter().validate_python(content)
-    except ValidationError:
+        content = json.loads((folder / key.file).read_text(encoding="utf-8"))
+        if content.pop("form") != FORM or content["settings"] != to_json(settings):
+            return None
+        result = _adapter().validate_python(content)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
-    return result if result is not None and result.key == key else None
+    return result if result.key == key else None
 
 
 @cache
