@@ -41,9 +41,9 @@ from walks import REAL_WALKS
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import SimulationError
-from fg_nav.lab.campaign.execute import recorded_keys, settings_of, simulated_keys, store_task, tasks_of
+from fg_nav.lab.campaign.execute import find_simulated, make, recorded_keys, run_here, settings_of, simulated_keys
 from fg_nav.lab.campaign.methods import method_of
-from fg_nav.lab.campaign.walks import LOOP, MAGNETOMETERS, MIXTURES, WALK, Recorded
+from fg_nav.lab.campaign.walks import LOOP, MAGNETOMETERS, MIXTURES, WALK, Recorded, Source
 from fg_nav.lab.consistency import PARTS, estimate_freedom_of_mean, nees_band, share_in_band
 from fg_nav.lab.landmarks import error_reduction_percent
 from fg_nav.lab.reproduce.walks import at_landmarks, mean, used_percent, walk_error
@@ -52,7 +52,7 @@ from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.results import USED, Key, Result, read_result
 from fg_nav.lab.walked import AS_STARTED, BEST_YAW, CLOSURE
-from fg_nav.report.terminal import console
+from fg_nav.report.terminal import console, progress
 from fg_nav.text import format_count
 
 OFFICE, OFFICE_OPEN, MALL, BUILDING = SCENARIOS = ("office", "office-open", "mall", "teaching-building")
@@ -132,14 +132,18 @@ def make_results(chosen: argparse.Namespace) -> list[Result]:
     """Return all results that were asked for, made now where they are missing."""
     keys = list_keys(chosen)
     settings = {key: settings_of(key, recorded=key.group in REAL_WALKS) for key in keys}
-    real = {(key.group, key.walk) for key in keys if key.group in REAL_WALKS}
-    recorded = {one: Recorded(walks.real_path(*one, walks.data_folder(chosen.data))) for one in real}
-    found = {key: read_result(chosen.out, key, settings[key]) for key in keys}
-    missing = [key for key, one in found.items() if one is None or (chosen.renew and one.code != code_sum())]
-    store = partial(store_task, folder=chosen.out, code=code_sum())
-    harness.map_walks(store, tasks_of(missing, settings, recorded), chosen.jobs)
-    found |= {key: read_result(chosen.out, key, settings[key]) for key in missing}
-    return [one for one in found.values() if one is not None]
+
+    def find_source(key: Key) -> Source:
+        if key.group in REAL_WALKS:
+            return Recorded(walks.real_path(key.group, key.walk, walks.data_folder(chosen.data)))
+        return find_simulated(key)
+
+    execute = partial(run_here, workers=chosen.jobs)
+    with progress(f"results: {len(keys)}") as report:
+        for done, total in make(settings, chosen.out, execute, find_source, chosen.renew):
+            report(done / total)
+    found = [read_result(chosen.out, key, settings[key]) for key in keys]
+    return [one for one in found if one is not None]
 
 
 def list_keys(chosen: argparse.Namespace) -> list[Key]:

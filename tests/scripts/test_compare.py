@@ -8,10 +8,8 @@ import pytest
 
 from fg_nav.errors import EstimationError, OutputError, SimulationError
 from fg_nav.lab.campaign import execute
-from fg_nav.lab.campaign.execute import evaluate_outcome, tasks_of
 from fg_nav.lab.campaign.methods import method_of, solve_by
-from fg_nav.lab.campaign.walks import Simulated, simulate_calibration, simulate_walk
-from fg_nav.lab.simulation import simulate
+from fg_nav.lab.campaign.walks import Simulated
 from fg_nav.lab.store import code
 from fg_nav.lab.store.results import Key, Result, read_result, write_result
 from fg_nav.lab.walked import AS_STARTED, BEST_YAW, WalkErrors
@@ -60,19 +58,6 @@ def test_a_result_is_read_back_as_it_was_kept(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == [KEY.file]
 
 
-def test_a_result_of_other_settings_or_form_or_a_damaged_one_is_none(tmp_path):
-    write_result(tmp_path, result())
-    assert read_result(tmp_path, KEY, {**SETTINGS, "method": {"sigma": 0.2, "names": ["a", "b"]}}) is None
-    assert read_result(tmp_path, replace(KEY, walk="102"), SETTINGS) is None
-    path = tmp_path / KEY.file
-    whole = path.read_text()
-    for broken in (whole[: len(whole) // 2], "[]", "{}", json.dumps({**json.loads(whole), "form": 0})):
-        path.write_text(broken)
-        assert read_result(tmp_path, KEY, SETTINGS) is None
-    path.write_text(whole)
-    assert read_result(tmp_path, KEY, SETTINGS) is not None
-
-
 @needs_data
 def test_no_two_results_share_a_file(tmp_path):
     given = ["--seeds", "3", "--real", "gdin", "openshoe", "--magnetometer", *script.MAGNETOMETERS]
@@ -80,18 +65,6 @@ def test_no_two_results_share_a_file(tmp_path):
     assert len({key.file for key in keys}) == len(keys) == len(set(keys))
     real = {key.magnetometer for key in keys if key.group == "gdin"}
     assert real == {"walk", "raw", "none"}
-
-
-def test_one_walk_is_one_job_for_all_methods_and_magnetometers():
-    keys = [
-        replace(KEY, method=m, magnetometer=c, walk=w) for m in ("iez", "qsf") for c in ("loop", "raw") for w in "12"
-    ]
-    jobs = tasks_of(keys, dict.fromkeys(keys, SETTINGS))
-    assert [job.walk for job in jobs] == ["1", "2"]
-    assert {name: sorted(methods) for name, methods in jobs[0].missing.items()} == {
-        "loop": ["iez", "qsf"],
-        "raw": ["iez", "qsf"],
-    }
 
 
 def test_medians_stand_over_the_paper_and_the_reduction_is_walk_by_walk(capsys):
@@ -173,11 +146,11 @@ def test_it_runs_joins_and_skips(tmp_path, capsys, monkeypatch):
     first = tmp_path / "demo_smooth_loop_iez_101.json"
     stamp = first.stat().st_mtime_ns
     asked = []
-    monkeypatch.setattr(script, "store_task", noted(asked))
+    monkeypatch.setattr(script, "run_here", noted(asked))
     script.main([*demo, "--methods", "iez", "qsf", "--magnetometer", "loop", "perfect"])
     [task] = asked
-    assert task.missing.keys() == {"loop", "perfect"}
-    assert (sorted(task.missing["loop"]), sorted(task.missing["perfect"])) == (["qsf"], ["iez", "qsf"])
+    made = sorted((key.magnetometer, key.method) for key in task.settings)
+    assert made == [("loop", "qsf"), ("perfect", "iez"), ("perfect", "qsf")]
     assert first.stat().st_mtime_ns == stamp
     printed = capsys.readouterr().out
     assert "demo, smooth, magnetometer perfect: 1 walk," in printed
@@ -189,7 +162,8 @@ def test_it_runs_joins_and_skips(tmp_path, capsys, monkeypatch):
     assert loop["errors"]["origin"]["max_m"] < 1.0  # in the sixties of metres: given the true heading at the start
     monkeypatch.setattr(script, "draw_case", lambda *_: None)
     # Other code is joined, unless that is not wanted.
-    monkeypatch.setattr(script, "code_sum", lambda: "other code")
+    for one in (script, execute):
+        monkeypatch.setattr(one, "code_sum", lambda: "other code")
     script.main([*demo, "--methods", "iez"])
     assert "1 of 1 results were made by other code (iez)" in capsys.readouterr().out
     assert first.stat().st_mtime_ns == stamp
@@ -205,27 +179,13 @@ def test_it_runs_joins_and_skips(tmp_path, capsys, monkeypatch):
 
 def noted(asked):
     """Make walks as ever, and note what was asked for."""
-    store = script.store_task
+    run = script.run_here
 
-    def store_task(task, folder, code):
-        asked.append(task)
-        store(task, folder, code)
+    def run_here(tasks, workers):
+        asked.extend(tasks)
+        return run(tasks, workers)
 
-    return store_task
-
-
-def test_a_loop_with_the_same_shoe_takes_the_iron_off():
-    walk = simulate("demo", 101)
-    sensor = walk.drawn["sensor"]
-    hard, soft = np.array(sensor["hard_iron_uT"]), np.array(sensor["soft_iron"])
-    calibration = simulate_calibration("demo", 101).magnetometer
-    prepared = Simulated("demo", "smooth", 101).prepare("loop")
-    body_up = prepared.field.nav_R_body[:, 2].mean(axis=0)
-    body_up /= np.linalg.norm(body_up)
-    level = np.eye(3) - np.outer(body_up, body_up)
-    added = hard + (soft - np.eye(3)) @ (-43.14 * body_up)
-    assert np.linalg.norm(level @ added) > 2.0
-    assert np.linalg.norm(level @ (calibration.hard_iron_uT - added)) < 1.0
+    return run_here
 
 
 @needs_data
@@ -240,32 +200,6 @@ def test_real_walks_have_the_best_yaw_or_their_closure(tmp_path, capsys, monkeyp
     assert gdin["errors"]["yaw"]["mean_m"] < 1.0
     openshoe = json.loads((tmp_path / "openshoe_real_raw_iez_7.json").read_text())
     assert set(openshoe["errors"]) == {"closure"}
-
-
-def test_errors_at_landmarks_are_those_of_the_path_there():
-    """Landmarks where footfalls truly are: their errors are those of the footfalls, in both alignments."""
-    whole = Simulated("demo", "smooth", 101)
-    walk = whole.prepare("perfect")
-    outcome = solve_by("iez", replace(walk, truth=None))
-    stood = outcome.solution.stances.sample[5:40:7]
-
-    class Marked(Simulated):
-        landmark = tuple("ABCAB")
-        passed = walk.truth.t[stood], walk.truth.position[stood]
-
-    found = evaluate_outcome(Result(KEY, SETTINGS, "code"), Marked("demo", "smooth", 101), walk, outcome)
-    assert found.landmark == tuple("ABCAB")
-    for mode in (AS_STARTED, BEST_YAW):
-        np.testing.assert_allclose(found.landmark_m[mode], script.track_of(found, mode).error_m[5:40:7], atol=0.02)
-    assert found.landmark_m[AS_STARTED] != found.landmark_m[BEST_YAW]
-
-
-def test_a_mixture_has_the_steps_of_both_and_a_field_between_them():
-    smooth, between, indoor = (simulate_walk("demo", 101, level) for level in ("smooth", "between", "indoor"))
-    np.testing.assert_array_equal(between.recording.gyr, smooth.recording.gyr)
-    np.testing.assert_array_equal(between.recording.acc, indoor.recording.acc)
-    away = [np.nanmean(np.abs(between.recording.mag - other.recording.mag)) for other in (smooth, indoor)]
-    assert away[0] / (away[0] + away[1]) == pytest.approx(0.35)
 
 
 def test_a_preset_goes_with_the_method():
