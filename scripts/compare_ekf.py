@@ -37,9 +37,9 @@ from harness import FIRST_SEED, format_number, option, spread
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import SimulationError
-from fg_nav.lab.campaign.execute import recorded_keys, settings_of, simulated_keys, store_task, tasks_of
+from fg_nav.lab.campaign.execute import find_simulated, make, recorded_keys, run_here, settings_of, simulated_keys
 from fg_nav.lab.campaign.methods import method_of
-from fg_nav.lab.campaign.walks import LOOP, MAGNETOMETERS, MIXTURES, Recorded
+from fg_nav.lab.campaign.walks import LOOP, MAGNETOMETERS, MIXTURES, Recorded, Source
 from fg_nav.lab.reproduce.walks import at_landmarks, mean, used_percent, walk_error
 from fg_nav.lab.simulation import scenario
 from fg_nav.lab.simulation.scenarios import FIELDS
@@ -47,7 +47,7 @@ from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.files import make_folder
 from fg_nav.lab.store.results import Result, read_result
 from fg_nav.lab.walked import AS_STARTED, BEST_YAW, CLOSURE
-from fg_nav.report.terminal import console
+from fg_nav.report.terminal import console, progress
 from fg_nav.text import format_count
 
 OFFICE, MALL, BUILDING = "office", "mall", "teaching-building"
@@ -133,13 +133,17 @@ def make_results(chosen: argparse.Namespace) -> list[Result]:
     sources = {(n, one.name.removeprefix(f"{n} ")): Recorded(one.path) for n, some in real.items() for one in some}
     folder = make_folder(chosen.out)
     settings = {key: settings_of(key, recorded=key.group in REAL) for key in keys}
-    found = {key: read_result(folder, key, settings[key]) for key in keys}
-    missing = [key for key, one in found.items() if one is None or (chosen.renew and one.code != code_sum())]
-    # a task for each method on a walk, so that the bar moves
-    tasks = [part for task in tasks_of(missing, settings, sources) for part in task.split()]
-    harness.map_walks(partial(store_task, folder=folder, code=code_sum()), tasks, chosen.jobs, "methods on walks")
-    found |= {key: read_result(folder, key, settings[key]) for key in missing}
-    return [one for one in found.values() if one is not None]
+
+    def find_source(key: Key) -> Source:
+        """Return a recorded walk, or one of a scenario."""
+        return sources.get((key.group, key.walk)) or find_simulated(key)
+
+    execute = partial(run_here, workers=chosen.jobs)
+    with progress("methods on walks") as report:
+        for done, total in make(settings, folder, execute, find_source, renew=chosen.renew):
+            report(done / total)
+    found = [read_result(folder, key, settings[key]) for key in keys]
+    return [one for one in found if one is not None]
 
 
 # --- figures of a walk -----------------------------------------------------------------------------------------------
