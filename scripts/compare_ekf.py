@@ -45,7 +45,7 @@ from fg_nav.lab.simulation import scenario
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.files import make_folder
-from fg_nav.lab.store.results import Result, read_result
+from fg_nav.lab.store.results import Key, Result, read_result
 from fg_nav.lab.walked import AS_STARTED, BEST_YAW, CLOSURE
 from fg_nav.report.terminal import console, progress
 from fg_nav.text import format_count
