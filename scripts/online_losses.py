@@ -2,7 +2,7 @@
 
     python scripts/online_losses.py [--seeds N] [--first SEED] [--jobs N] [--lost SECONDS ...] [--unseeing]
 
-Each seed draws a person, a sensor and a course as `online_fuzz.py` does, 25 s before and after a loss in mid-walk, and
+Each seed draws a person, a sensor and a course, 25 s before and after a loss in mid-walk, and
 for each loss cuts out that many seconds. A walk whose stamps begin again behind the loss (`restart`) has lost 10 s,
 which nothing shows. The heading is given. What is told at the moment is compared with the truth:
 
@@ -26,16 +26,20 @@ from itertools import count
 import harness
 import numpy as np
 from harness import FIRST_SEED, option, spread
-from online_fuzz import RATES_HZ, SENSORS, draw_course
 
 from fg_nav.arrays import Floats
 from fg_nav.frames import compute_heading, wrap_angle, yaw_rotation
 from fg_nav.lab.simulation import Choices, Scenario, simulate
+from fg_nav.lab.simulation.motion import Style
+from fg_nav.lab.simulation.path import Pose, arc, straight
+from fg_nav.lab.simulation.plan import Section, Stairs, Stand, TurnOnSpot, Walk, end_of
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import OnlineOptions
 from fg_nav.recording import Recording
 from fg_nav.solution import StanceTable
 from fg_nav.truth import TrajectoryTruth
+
+RATES_HZ, SENSORS = (100.0, 200.0), ("demo", "mpu-9250x8", "lord-gx5")
 
 AROUND_S = 25.0  # Walked before a loss, and behind it.
 
@@ -46,6 +50,37 @@ RESTART_S = 10.0  # Lost where the sensor starts again.
 RESTART = "restart"
 
 LATER = 10  # Lines behind the first.
+
+
+def draw_course(rng: np.random.Generator, parts: int | None = None) -> list[Section]:
+    """Draw so many parts, or four to eight, one behind the other."""
+    sections: list[Section] = []
+    pose = Pose(np.zeros(3), 0.0)
+    if rng.random() < 0.8:
+        sections.append(Stand(rng.uniform(0.5, 4.0)))
+    for _ in range(rng.integers(3, 8) if parts is None else parts):
+        section = _draw_part(rng, pose)
+        sections.append(section)
+        pose = end_of(section, pose)
+    if rng.random() < 0.8:
+        sections.append(Stand(rng.uniform(0.5, 3.0)))
+    return sections
+
+
+def _draw_part(rng: np.random.Generator, pose: Pose) -> Section:
+    kind = rng.choice(["walk", "walk", "walk", "run", "stand", "turn", "stairs"])
+    if kind == "stand":
+        return Stand(rng.uniform(0.5, 8.0))
+    if kind == "turn":
+        return TurnOnSpot(rng.choice([-1.0, 1.0]) * rng.uniform(0.5, 3.1))
+    if kind == "stairs":
+        return Stairs(int(rng.integers(4, 12)), up=bool(rng.random() < 0.5))
+    path = (
+        straight(rng.uniform(4.0, 12.0)) if rng.random() < 0.5 else arc(rng.uniform(2.0, 6.0), rng.uniform(-2.0, 2.0))
+    )
+    if kind == "run":
+        return Walk(path.place(pose), Style.RUN)
+    return Walk(path.place(pose), Style.WALK, pace=rng.uniform(0.5, 1.3))
 
 
 @dataclass(frozen=True)
@@ -70,7 +105,7 @@ WHICH = ("first line", "ten later", "last line")
 
 
 def draw_walk(seed: int, duration_s: float) -> Recording:
-    """Simulate a walk of at least so long: a course of `online_fuzz` with more parts."""
+    """Simulate a walk of at least so long: a course of many parts."""
     rng = np.random.default_rng(seed)
     mount, sensor = ("instep" if rng.random() < 0.7 else "heel"), str(rng.choice(SENSORS))
     field, rate = str(rng.choice(["smooth", "indoor"])), float(rng.choice(RATES_HZ))

@@ -164,16 +164,3 @@ def test_a_cache_that_cannot_be_written_is_named(walk, tmp_path, monkeypatch):
     monkeypatch.setattr(tune, "simulate_walk", lambda *_: walk)
     with pytest.raises(OutputError, match="--cache"):
         tune.find_walk(tmp_path / "file", "office", 1)
-
-
-def test_the_benchmark_has_the_compass_in_every_filter_it_times(monkeypatch, capsys):
-    benchmark, taken = load_script("benchmark"), {}
-    run = benchmark.run_filter
-    monkeypatch.setattr(benchmark, "run_filter", lambda method, *rest: taken.setdefault(method, run(method, *rest)))
-    found = benchmark.measure_filters(benchmark.simulate_long_walk(0.5, 3), 1)
-    assert [figure.method for figure in found if figure.asked] == [name for name in benchmark.FILTERS for _ in "12"]
-    assert all(figure.measured > 0 for figure in found)
-    for method in benchmark.FILTERS[1:]:
-        judged = taken[method].stances.field[8:]  # the first are not: a window has to fill
-        assert judged.count("quasi-static") > 0.9 * len(judged) > 9
-    assert "half an hour" in capsys.readouterr().out
