@@ -190,31 +190,21 @@ def run_golden(data: Path, made: Path, folder: Path, golden: tuple[str, str]) ->
 
 def compare_texts(old: str, new: str, is_table: bool) -> Iterator[str]:
     """Yield lines that differ in their words, or in a number by more than the tolerance; times are left out."""
-    names = old.partition("\n")[0].split(",") if is_table else []
-    timed = {k for k, name in enumerate(names) if TIMED.search(name)}
-    for number, lines in enumerate(zip_longest(old.splitlines(), new.splitlines(), fillvalue=""), 1):
-        if timed:
-            one, other = (",".join(c for k, c in enumerate(line.split(",")) if k not in timed) for line in lines)
-        else:
-            one, other = lines
+    timed = {k for k, name in enumerate(old.partition("\n")[0].split(",")) if is_table and TIMED.search(name)}
+    for row, lines in enumerate(zip_longest(old.splitlines(), new.splitlines(), fillvalue=""), 1):
+        one, other = (",".join(c for k, c in enumerate(line.split(",")) if k not in timed) for line in lines)
         if one == other or (TIMED.search(one) and TIMED.search(other)):
             continue
-        apart = np.nan
+        apart = np.inf
         if NUMBER.sub("#", one) == NUMBER.sub("#", other):
-            pairs = zip(NUMBER.findall(one), NUMBER.findall(other), strict=True)
-            apart = max((excess for a, b in pairs if (excess := compare_numbers(a, b)) > 0.0), default=0.0)
-        if apart != 0.0:
-            yield f"line {number}, by {apart:.2g}:\n      - {one[:300]}\n      + {other[:300]}"
-
-
-def compare_numbers(a: str, b: str) -> float:
-    """Return how far numbers are apart, 0 within the tolerance and a unit of their last digit, below a whole one."""
-    unit = 0.0
-    for mantissa, _, exponent in (a.lower().partition("e"), b.lower().partition("e")):
-        decimals = len(mantissa.partition(".")[2])
-        unit += 10.0 ** (int(exponent or 0) - decimals) if decimals else 0.0
-    apart = abs(float(a) - float(b))
-    return apart if apart > TOLERANCE * max(1.0, abs(float(b))) + unit else 0.0
+            apart = 0.0
+            for a, b in zip(NUMBER.findall(one), NUMBER.findall(other), strict=True):
+                units = (m.lower().partition("e") for m in (a, b) if "." in m)  # of the last digit, below a whole one
+                unit = sum(10.0 ** (int(e or 0) - len(mantissa.partition(".")[2])) for mantissa, _, e in units)
+                off = abs(float(a) - float(b))
+                apart = max(apart, off if off > TOLERANCE * max(1.0, abs(float(b))) + unit else 0.0)
+        if apart:
+            yield f"line {row}, by {apart:.2g}:\n      - {one[:300]}\n      + {other[:300]}"
 
 
 def compare_folders(old: Path, new: Path) -> Iterator[str]:

@@ -12,7 +12,7 @@ hours      A simulated walk with a magnetometer, repeated as long as it takes, g
 kills      The same walk twice, once with `--record FILE --resume`, killed (SIGKILL) at random samples and begun again,
            in turn with all rows, as of a file, and with those from `AGAIN_S` before the last recorded one on, as of a
            logger: no line may be missing or told twice, and the whole must end the same.
-rubbish    Rows a second that are parsed; and what a line of `--megabytes`, a million empty lines, bytes that are no
+rubbish    What a line of `--megabytes`, a million empty lines, bytes that are no
            text or NULs between the halves of a walk cost it in rows, footfalls and memory.
 udp        Rows at 400 Hz in their time, one a datagram, `--hogs` busy loops beside: rows lost, and whether it is said.
 listeners  A line a second and statuses to port and page, beside clients that read, that never do, and that send
@@ -25,7 +25,6 @@ import fcntl
 import json
 import multiprocessing
 import re
-import selectors
 import socket
 import subprocess
 import sys
@@ -255,7 +254,7 @@ def compare_lines(whole: Sequence[dict[str, Any]], told: Sequence[dict[str, Any]
 # --- what a source may send ------------------------------------------------------------------------------------------
 
 UDP_HZ, SILENCE_S, BEGIN_S = 400.0, "10", 60.0  # a walk ends after so long without a row; a port is open after so long
-RATE_ROWS, MAX_MORE_MB = 20_000.0, 30.0  # asked: rows a second, memory over that of a clean walk
+MAX_MORE_MB = 30.0  # asked: memory over that of a clean walk
 
 
 def make_lines(seconds: float) -> list[bytes]:
@@ -274,12 +273,8 @@ def compare_rows(lines: Sequence[bytes], record: Path) -> int:
 
 
 def measure_rubbish(given: Namespace) -> list[Figure]:
-    """Rows a second, and what rubbish between the halves of a walk does to it."""
+    """What rubbish between the halves of a walk does to it."""
     lines, figures = make_lines(20.0), list[Figure]()
-    for name, pieces in (("64 kB", [HEADER + b"".join(lines)]), ("a row", [HEADER, *lines])):
-        reader, began = RowReader("text"), perf_counter()
-        rate = sum(len(reader.read(piece)) for piece in pieces) / (perf_counter() - began)
-        figures.append(Figure("rubbish", f"rows/s, {name} at once", "RowReader", rate, RATE_ROWS, pattern="{:.0f}"))
     drawn, clean = np.random.default_rng(1).bytes(10 << 20), (0.0, 0)
     rubbish = {
         "none": b"",
@@ -367,24 +362,20 @@ def listen(ports: tuple[int, int], count: int, found: Any, ready: Event) -> None
 
 def crowd(ports: tuple[int, int], clients: int, done: Event, reading: float) -> None:
     """Connect clients to both ports, of which this share reads what comes; a negative one sends garbage instead."""
-    with selectors.DefaultSelector() as selector:
-        kept = []
-        for k in range(2 * clients if reading >= 0.0 else 0):
+    kept = []
+    for k in range(2 * clients if reading >= 0.0 else 0):
+        with suppress(OSError):
+            kept.append(socket.create_connection((HOST, ports[k % 2]), 5.0))
+            kept[-1].sendall(HANDSHAKE if k % 2 else b"")
+            kept[-1].setblocking(False)
+    while not done.wait(0.1):
+        for one in kept[: int(len(kept) * reading)]:
             with suppress(OSError):
-                kept.append(socket.create_connection((HOST, ports[k % 2]), 5.0))
-                kept[-1].sendall(HANDSHAKE if k % 2 else b"")
-                kept[-1].setblocking(False)
-                if k < 2 * clients * reading:
-                    selector.register(kept[-1], selectors.EVENT_READ, kept[-1])
-        while not done.is_set():
-            for key, _ in selector.select(0.1):
-                with suppress(OSError):
-                    if not key.data.recv(1 << 16):
-                        selector.unregister(key.data)
-            for k in range(50 if reading < 0.0 else 0):
-                with suppress(OSError), socket.create_connection((HOST, ports[k % 2]), 1.0) as loud:
-                    loud.settimeout(0.2)
-                    loud.sendall(GARBAGE[k // 2 % len(GARBAGE)])
+                one.recv(1 << 16)
+        for k in range(50 if reading < 0.0 else 0):
+            with suppress(OSError), socket.create_connection((HOST, ports[k % 2]), 1.0) as loud:
+                loud.settimeout(0.2)
+                loud.sendall(GARBAGE[k // 2 % len(GARBAGE)])
 
 
 CROWDS = {"nobody": 0.0, "readers": 1.0, "most deaf": 0.1, "deaf": 0.0, "garbage": -1.0}

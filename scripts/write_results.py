@@ -7,7 +7,7 @@
 `ma2018`, `aiez2017`, `munoz-diaz2017` .json  results.json of `fg-nav lab reproduce PAPER`
 `real-walks.json`                             `python scripts/real_walks.py --ablation --bias-walk --json FILE`
 `coverage.json`                               `python scripts/sigma_coverage.py --json FILE`
-`benchmark.json`                              `python scripts/bench/peers.py --python PYTHON --save`
+`benchmark.json`                              `benchmark_peers.py` of commit b894e160
 ============================================= ======================================================================
 
 A table in a page stands between `<!-- written: NAME -->` and `<!-- end -->`; `BLOCKS` has the names.

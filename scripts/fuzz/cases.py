@@ -187,8 +187,8 @@ def damage(path: Path, rng: Rng) -> str:
     data = path.read_bytes()
     kind = draw(rng, ("bytes", "bytes", "table", "numbers", "varied")) if b"\0" not in data[:1000] else "bytes"
     if path.suffix == ".json" and rng.random() < 0.8:
-        change = draw(rng, (wrong.vary_tree, wrong.vary_tree, wrong.mutate_tree))
-        kind, data = change.__name__, json.dumps(change(json.loads(data), rng)).encode("utf-8", "replace")
+        kind, breaks = "tree", rng.random() < 0.4
+        data = json.dumps(wrong.change_tree(json.loads(data), rng, breaks)).encode("utf-8", "replace")
     elif kind == "bytes":
         data, kind = wrong.mutate_bytes(data, rng)
     else:

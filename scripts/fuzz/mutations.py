@@ -18,7 +18,6 @@ import contextlib
 import copy
 import gzip
 import re
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, TypeAlias, TypeVar
 
@@ -178,22 +177,14 @@ ENCODINGS: tuple[Callable[[bytes], bytes], ...] = (
 )
 
 
+def put_word(data: bytes, at: int, word: bytes) -> bytes:
+    """Put 8 bytes in the place of others, as arrays hold numbers."""
+    return data[:at] + word + data[at + 8 :]
+
+
 def flip(data: bytes, at: int, stop: int, rng: Rng) -> bytes:
     """Change the bytes of a range."""
     return data[:at] + bytes(one ^ int(rng.integers(1, 256)) for one in data[at:stop]) + data[stop:]
-
-
-def change_word(data: bytes, at: int, rng: Rng) -> bytes:
-    """Change a number of 8 bytes, as arrays hold them: somewhat else, counted on, or as another."""
-    at, other = at // 8 * 8, 8 * int(rng.integers(max(1, len(data) // 8)))
-    word, kind = data[at : at + 8], rng.integers(3)
-    if len(word) < 8 or kind == 0:
-        word = data[other : other + 8]
-    elif kind == 1:
-        word = (int.from_bytes(word, "little") + int(rng.choice([1, 2, 50]))).to_bytes(9, "little")[:8]
-    else:
-        word = np.float64(vary_number(float(np.frombuffer(word)[0]), rng)).tobytes()
-    return data[:at] + word + data[at + 8 :]
 
 
 BYTE_MUTATIONS: Mapping[str, Callable[[bytes, int, int, Rng], bytes]] = {
@@ -205,7 +196,9 @@ BYTE_MUTATIONS: Mapping[str, Callable[[bytes, int, int, Rng], bytes]] = {
     "repeated": lambda data, at, n, rng: data[: at + n] + data[at:],
     "filled": lambda data, at, n, rng: data[:at] + bytes([draw(rng, (0, 32, 255))]) * n + data[at + n :],
     "encoding": lambda data, at, n, rng: draw(rng, ENCODINGS)(data),
-    "words": lambda data, at, n, rng: change_word(data, at, rng),
+    "word": lambda data, at, n, rng: put_word(data, at // 8 * 8, data[rng.integers(len(data) // 8 or 1) * 8 :][:8]),
+    "number": lambda data, at, n, rng: put_word(data, at // 8 * 8, np.float64(vary_number(1.0, rng)).tobytes()),
+    "count": lambda data, at, n, rng: put_word(data, at // 8 * 8, draw(rng, (1, 2, 50, 2**40)).to_bytes(8, "little")),
 }
 """By name: of the data, a place, and 1 to 1024 bytes from there on."""
 
@@ -296,46 +289,31 @@ NAMES = (
 """What a leaf becomes where its type does not matter; words that mean something in one place or another."""
 
 
-def mutate_tree(tree: Any, rng: Rng) -> Any:
-    """Change one to three places of JSON: keys renamed or lost, leaves replaced by any other."""
+def change_tree(tree: Any, rng: Rng, breaks: bool) -> Any:
+    """Vary one to three leaves of JSON within their type, matrices symmetric; or break it: any leaf, no key."""
     tree = copy.deepcopy(tree)
-    for _ in range(rng.choice([1, 1, 2, 3])):
-        if places := list(list_places(tree)):
-            holder, key = draw(rng, places)
-            kind = rng.integers(4)
-            if kind == 0 and isinstance(holder, dict):
-                holder[draw(rng, ("", "unknown", str(key) + "_", "__class__"))] = holder.pop(key)
-            elif kind == 1:
-                del holder[key]
-            elif kind == 2 and isinstance(holder[key], int | float) and not isinstance(holder[key], bool):
-                number = holder[key] if abs(holder[key]) <= sys.float_info.max else np.inf
-                holder[key] = float(draw(rng, UNIT_FACTORS)) * number
-            else:
-                holder[key] = copy.deepcopy(draw(rng, LEAVES))
-                for _ in range(1000 if rng.random() < 0.03 else 0):  # deeper than a parser goes
-                    holder[key] = [holder[key]]
-    return tree
-
-
-def vary_tree(tree: Any, rng: Rng) -> Any:
-    """Change one to three leaves of JSON to others of their type; matrices stay symmetric, mostly."""
-    tree = copy.deepcopy(tree)
-    leaves = [(holder, key) for holder, key in list_places(tree) if not isinstance(holder[key], dict | list)]
-    for _ in range(rng.integers(1, 4) if leaves else 0):
-        holder, key = draw(rng, leaves)
-        leaf = holder[key]
-        if isinstance(leaf, bool):
-            holder[key] = not leaf
-        elif isinstance(leaf, int):
-            holder[key] = leaf + int(rng.choice([-1, 1, 2, 100]))
+    for _ in range(rng.integers(1, 4)):
+        places = [(h, k) for h, k in list_places(tree) if breaks or not isinstance(h[k], dict | list)]
+        if not places:
+            break
+        holder, key = draw(rng, places)
+        leaf, kind = holder[key], rng.integers(5) if breaks else 9
+        if kind == 0 and isinstance(holder, dict):
+            holder[draw(rng, ("", "unknown", str(key) + "_", "__class__"))] = holder.pop(key)
+        elif kind == 1:
+            del holder[key]
+        elif kind < 9:
+            holder[key] = copy.deepcopy(draw(rng, LEAVES))
+            for _ in range(1000 if rng.random() < 0.03 else 0):  # deeper than a parser goes
+                holder[key] = [holder[key]]
+        elif isinstance(leaf, bool | int):
+            holder[key] = (not leaf) if isinstance(leaf, bool) else leaf + draw(rng, (-1, 1, 2, 100))
         else:
             holder[key] = vary_number(leaf, rng) if isinstance(leaf, float) else draw(rng, NAMES)
-    if rng.random() < 0.8:
-        lists = [holder[key] for holder, key in list_places(tree) if isinstance(holder[key], list)]
-        for matrix in lists:
-            if all(isinstance(row, list) and len(row) == len(matrix) for row in matrix):
-                for row in range(len(matrix)):
-                    matrix[row][:row] = [matrix[k][row] for k in range(row)]
+    lists = [holder[key] for holder, key in list_places(tree) if isinstance(holder[key], list) and not breaks]
+    for matrix in lists:
+        for row in range(len(matrix) if all(isinstance(r, list) and len(r) == len(matrix) for r in matrix) else 0):
+            matrix[row][:row] = [matrix[k][row] for k in range(row)]
     return tree
 
 

@@ -1,7 +1,7 @@
 """Broken inputs of every kind, given to the program: nothing may crash, hang, or come out wrong without a word.
 
     python scripts/fuzz/run.py [--inputs N] [--seed N] [--minutes M] [--jobs N] [--only KIND ...]
-        [--limit S] [--bases DIR] [--json FILE]
+        [--bases DIR] [--json FILE]
     python scripts/fuzz/run.py --only KIND --seed N --case K [--keep DIR]
 
 samples are pieces of 3 to 25 s of real and simulated recordings, their samples wrong; format, such pieces in each
@@ -54,6 +54,7 @@ FAULTS = (
     "absurd",
     "other",
 )  # none is asked
+LIMIT_S = 180.0  # on the wall, of an input
 MEMORY_BYTES = 8 << 30  # of address space that a case may take
 
 
@@ -69,7 +70,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
         case=option(None, "this case only, of one kind", type=int, metavar="K"),
         keep=option(None, "of one case: leave its files here", type=Path, metavar="DIR"),
         minutes=option(None, "begin no more inputs after so long", type=float, metavar="M"),
-        limit=option(180.0, "seconds an input may take, on the wall", metavar="S"),
         bases=option(None, "keep clean inputs here from run to run", type=Path, metavar="DIR"),
         data=None,
         json=None,
@@ -85,7 +85,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             return
         cases = list(draw_cases(chosen.only or list(KINDS), chosen.inputs, chosen.seed))
         due = np.inf if chosen.minutes is None else time.monotonic() + 60.0 * chosen.minutes
-        fates = run_all(cases, store, chosen.jobs, chosen.limit, due)
+        fates = run_all(cases, store, chosen.jobs, LIMIT_S, due)
     harness.print_heading(f"{len(fates)} inputs, seed {chosen.seed}")
     print_fates(fates)
     sorts = [next((sort for sort in FAULTS if words.startswith(sort)), "other") for f in fates for words in f.faults]
@@ -164,7 +164,8 @@ def run_all(cases: Sequence[Case], store: Store, jobs: int, limit_s: float, due_
             report(number / len(cases))
             if fate is not None:
                 fates.append(fate)
-                print(*([describe_fault(fate)] if fate.faults else []), sep="\n", end="", flush=True)
+                if fate.faults:
+                    print(describe_fault(fate), flush=True)
     return sorted(fates, key=lambda fate: (list(KINDS).index(fate.case.kind), fate.case.number))
 
 
@@ -177,16 +178,13 @@ def describe_fault(fate: Fate) -> str:
 
 def print_fates(fates: Sequence[Fate]) -> None:
     """Print the table of kinds."""
-    rows = []
+    words, rows = ("refused", "accepted", "trusted", "doubtful", UNUSABLE), []
     for kind in (*KINDS, "all"):
         some = [fate for fate in fates if kind in (fate.case.kind, "all")]
-        said = Counter([fate.outcome for fate in some] + [fate.said for fate in some])
-        counts = [len(some), *(said[word] for word in ("refused", "accepted", "trusted", "doubtful", UNUSABLE))]
-        seconds = [fate.seconds for fate in some] or [0.0]
-        shown = [*counts, sum(bool(fate.faults) for fate in some)]
-        rows += [[kind, *map(str, shown), f"{np.median(seconds):.2f}", f"{max(seconds):.1f}"]] if some else []
-    header = ("kind", "inputs", "refused", "accepted", "trusted", "doubtful", UNUSABLE, "faults", "CPU s", "longest")
-    harness.print_table(header, rows)
+        said = Counter(word for fate in some for word in (fate.outcome, fate.said))
+        counts = [len(some), *(said[word] for word in words), sum(bool(fate.faults) for fate in some)]
+        rows.append([kind, *map(str, counts), f"{max((fate.seconds for fate in some), default=0.0):.1f}"])
+    harness.print_table(("kind", "inputs", *words, "faults", "longest, s"), rows)
 
 
 if __name__ == "__main__":

@@ -50,8 +50,8 @@ def test_every_mutation_is_its_seed_s_and_changes_something() -> None:
         lambda rng: mutations.scramble_table(table, rng),
         lambda rng: mutations.vary_table(table, rng, ","),
         lambda rng: mutations.change_numbers(table, rng),
-        lambda rng: str(mutations.mutate_tree(tree, rng)),
-        lambda rng: str(mutations.vary_tree(tree, rng)),
+        lambda rng: str(mutations.change_tree(tree, rng, breaks=True)),
+        lambda rng: str(mutations.change_tree(tree, rng, breaks=False)),
     ]
     clean = (rows.tobytes(), table.encode(), table, str(tree))
     for way in ways:
