@@ -317,7 +317,6 @@ CONFIGS: Mapping[str, bytes] = {
     "nested.json": b"[" * 100_000 + b"]" * 100_000,
     "deep.json": b'{"parameters": ' * 900 + b"1" + b"}" * 900,
     "huge.json": b'{"method": "smoother", "parameters": {"smoother": {"acc_density": 1' + b"0" * 5000 + b"}}}",
-    "keys.json": b"{" + b",".join(b'"%d": %d' % (k, k) for k in range(20_000)) + b"}",
 }
 OPTIONS: Mapping[str, str] = {
     **dict.fromkeys(
