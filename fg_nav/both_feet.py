@@ -195,10 +195,7 @@ class FeetResult(Solution):
 
 
 def _find_truth(feet: Mapping[Side, Result]) -> TrajectoryTruth | None:
-    """Return the mean of both feet's true paths (of one foot, its own); None if one of them has none that was usable.
-
-    Raises `EvaluationError` where they have no time in common.
-    """
+    """Return the mean of both feet's true paths (of one foot, its own); None if one of them has no usable one."""
     truths = [foot.walk.truth for foot in feet.values() if foot.outcome.comparison is not None]
     paths = [truth for truth in truths if isinstance(truth, TrajectoryTruth)]
     if len(paths) < len(feet):
@@ -301,10 +298,7 @@ def _name(feet: Mapping[Side, Walk], side: Side) -> str:
 
 
 def _prepare_feet(feet: Mapping[Side, Walk]) -> tuple[dict[Side, Walk], dict[Side, str]]:
-    """Return both walks prepared, and the reason for each that has too few footfalls to be navigated.
-
-    Raises any other fault of a recording, with its name.
-    """
+    """Return both walks prepared, and the reason for each that has too few footfalls to be navigated."""
     prepared, lost = dict[Side, Walk](), dict[Side, str]()
     for side, walk in feet.items():
         # The given heading is the left foot's: neither walk has it until the sides are known.

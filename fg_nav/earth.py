@@ -12,9 +12,8 @@ buildings add a degree or more to the declination on the spot.
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
-from datetime import date
+from datetime import date, datetime
 from importlib import import_module
 
 import numpy as np
@@ -27,10 +26,7 @@ PLACE_FORM = "latitude,longitude,YYYY-MM-DD"  # How a place and date are written
 
 @dataclass(frozen=True)
 class Place:
-    """Where and when: geodetic degrees, north and east positive, and the day; height in m above the WGS 84 ellipsoid.
-
-    Raises `EarthError` if it is not on the Earth.
-    """
+    """Where and when: degrees north and east (geodetic), the day, and the height in m above the WGS 84 ellipsoid."""
 
     latitude_deg: float
     longitude_deg: float
@@ -47,15 +43,12 @@ class Place:
     @classmethod
     def parse(cls, words: str) -> Place:
         """Read a place from `PLACE_FORM`; raises `EarthError` for anything else."""
-        parts = [part.strip() for part in words.split(",")]
-        if len(parts) == 3 and re.fullmatch(r"\d{4}-\d{2}-\d{2}", parts[2]):  # Python takes more than that for a date
-            try:
-                numbers = float(parts[0]), float(parts[1]), date.fromisoformat(parts[2])
-            except ValueError:
-                pass
-            else:
-                return cls(*numbers)
-        raise EarthError(f"'{words}' is no place and date: give {PLACE_FORM}.")
+        try:
+            latitude, longitude, day = (part.strip() for part in words.split(","))
+            given = float(latitude), float(longitude), datetime.strptime(day, "%Y-%m-%d").date()
+        except ValueError:
+            raise EarthError(f"'{words}' is no place and date: give {PLACE_FORM}.") from None
+        return cls(*given)
 
 
 @dataclass(frozen=True)

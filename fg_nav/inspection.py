@@ -81,6 +81,9 @@ class MagneticField:
     points_up: bool = False  # as south of the equator
 
 
+NO_FIELD = MagneticField(np.nan, np.nan, 0.0)
+
+
 @dataclass(frozen=True)
 class StanceShare:
     """Stances found: their `count` and their `share` of the time; NaN and the `reason` if there are none."""
@@ -248,7 +251,7 @@ def _measure_field(mag: Floats, duration: float, recording: Recording | None) ->
     strength = plausibility.measure_field_strength(mag)
     strength = strength[np.isfinite(strength)]
     if not strength.size:
-        return MagneticField(np.nan, np.nan, 0.0)
+        return NO_FIELD
     rate = len(strength) / duration if duration > 0 else np.nan
     found = MagneticField(float(np.median(strength)), float(np.std(strength)), rate)
     if recording is None or recording.mag is None:
@@ -259,7 +262,7 @@ def _measure_field(mag: Floats, duration: float, recording: Recording | None) ->
 def _list_problems(facts: Inspection) -> list[str]:
     """Return problems with axes, stamps, saturation, rests, magnetometer and stances, one sentence each."""
     stamps, rest, axes, jitter = facts.stamps, facts.rest, facts.axes, facts.stamps.jitter_s * facts.stamps.rate_hz
-    field, has_units, is_walk = facts.field, not facts.unit_problems, facts.refusal is None
+    field, has_units, is_walk = facts.field or NO_FIELD, not facts.unit_problems, facts.refusal is None
     share, (low, high), is_foot = facts.stance.share, STANCE_SHARES, facts.wearing != "pocket"
     gap = f"{1e3 * stamps.longest_gap_s:.0f} ms before row {stamps.longest_gap_row}"
     saturated = [
@@ -268,9 +271,7 @@ def _list_problems(facts: Inspection) -> list[str]:
         for axis, share, level in zip("xyz", limits.share.tolist(), limits.level.tolist(), strict=True)
         if share > 0
     ]
-    known = field is not None and not np.isnan(field.strength_uT)
-    strength, spread = (field.strength_uT, field.spread_uT) if field is not None else (np.nan, np.nan)
-    aligned = field.aligned if field is not None else None
+    strength, spread, aligned = field.strength_uT, field.spread_uT, field.aligned
     wrong = None if aligned is None else aligned.wrong_axes
     noted = [] if aligned is None or wrong is not None else [f"{_capitalize(note)} in a run." for note in aligned.notes]
     found: list[tuple[object, str]] = [
@@ -289,11 +290,11 @@ def _list_problems(facts: Inspection) -> list[str]:
          "There is no rest to see the gyroscope's bias in: stand still at the start."),
         (has_units and 0 < rest.duration_s < LONG_REST_S,
          f"There is only {rest.duration_s:.1f} s of rest: stand still for longer at the start."),
-        (field is None, "There is no magnetometer: the heading is that of the gyroscope alone."),
-        (field is not None and not known, "The magnetometer has no sample."),
+        (facts.field is None, "There is no magnetometer: the heading is that of the gyroscope alone."),
+        (facts.field is not None and np.isnan(strength), "The magnetometer has no sample."),
         (wrong is not None, f"{_capitalize(wrong.warning if wrong else '')}."),
         *((True, words) for words in noted),
-        (field is not None and field.points_up and wrong is None,
+        (field.points_up and wrong is None,
          "The field points up, as on the southern hemisphere: elsewhere all axes are the other way round."),
         (spread > SPREAD_SHARE * strength,
          f"The field is disturbed: {strength:.0f} uT with a standard deviation of {spread:.0f} uT."),
@@ -308,9 +309,9 @@ def _list_problems(facts: Inspection) -> list[str]:
 
 def _list_merits(facts: Inspection) -> list[str]:
     """Return what is good about the recording, one sentence each."""
-    stamps, rest, field, has_units = facts.stamps, facts.rest, facts.field, not facts.unit_problems
+    stamps, rest, field, has_units = facts.stamps, facts.rest, facts.field or NO_FIELD, not facts.unit_problems
     is_even = stamps.jitter_s * stamps.rate_hz <= JITTER_SHARE and not (stamps.gaps or stamps.backward)
-    strength, spread = (field.strength_uT, field.spread_uT) if field is not None else (np.nan, np.nan)
+    strength, spread = field.strength_uT, field.spread_uT
     bias, (low, high) = ", ".join(f"{value:.2f}" for value in rest.gyro_bias_deg_s), STANCE_SHARES
     found = [
         (is_even, f"The stamps are even, at {stamps.rate_hz:.1f} Hz."),

@@ -247,10 +247,7 @@ def estimate_on_places(walk: Walk, method: str, progress: Progress | None = None
 
 
 def take_places(walk: Walk, solution: Solution) -> SavedPlaces:
-    """Return the magnetic places along a solved walk, to be saved.
-
-    Raises `PlacesError` without a magnetometer, or where the walk is too short.
-    """
+    """Return the magnetic places along a solved walk, to be saved."""
     from fg_nav.places import trace_places
 
     table, name, mag = solution.stances, walk.recording.provenance.path, require_mag(walk)

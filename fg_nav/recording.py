@@ -12,19 +12,7 @@ unread -         (N,) of which sensor a sample was bad, `ACC_OUT` or `GYR_OUT`, 
 ====== ========= ======================================================================
 
 A `RawRecording` is what a file says, in SI units but unchecked; a `Recording` is what estimators accept.
-`Recording.from_raw` is the one door between the two, and this is its policy:
-
-=============================== =======================================================================
-wrong unit, gravity removed     refused, and named (`fg_nav.samples.plausibility`)
-stamps that repeat or fall      spread, sorted, set on, or left out, with a note (`fg_nav.samples.stamps`)
-missing (non-finite) samples    left out, with a note; refused if they are many
-bad samples                     left out where those around exclude them, with a note (`fg_nav.samples.readings`);
-                                of one sensor alone bridged, the other kept (`fg_nav.samples.gaps`)
-gaps between stamps             up to `MAX_BRIDGED_S` kept or bridged, with a note; the recording is cut at a longer one
-                                unless another foot was recorded too
-magnetometer without a sample   no magnetometer
-pressure that is none of air    no sample (`plausibility.AIR_PA`); a barometer without one: no barometer
-=============================== =======================================================================
+`Recording.from_raw` is the one door between the two: what it mends and what it refuses is a table in docs/formats.md.
 """
 
 from __future__ import annotations
@@ -38,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.columns.samples import ColumnNames, Samples, Units, convert_arrays, convert_frame
+from fg_nav.columns.samples import ColumnNames, Samples, Units, check_shapes, convert_arrays, convert_frame
 from fg_nav.errors import RecordingError
 from fg_nav.samples import plausibility
 from fg_nav.samples.gaps import Bridge, Gaps, bridge_unread, fill_gaps, prepare_samples
@@ -128,7 +116,7 @@ class Recording:
             value = getattr(self, name)
             if value is not None:
                 object.__setattr__(self, name, np.ascontiguousarray(value, dtype=np.float64))
-        _check_shapes(self.t, self.acc, self.gyr, self.mag, self.pressure)
+        check_shapes(self.t, self.acc, self.gyr, self.mag, self.pressure)
         _check_count(len(self.t))
         finite = np.isfinite(self.t) & np.isfinite(self.acc).all(axis=1) & np.isfinite(self.gyr).all(axis=1)
         if not finite.all():
@@ -140,7 +128,7 @@ class Recording:
 
     @classmethod
     def from_raw(cls, raw: RawRecording, longest_gap_s: float = MAX_BRIDGED_S) -> Recording:
-        """Judge a file's samples and take what can be navigated with; the policy is on top of this file.
+        """Judge a file's samples and take what can be navigated with (docs/formats.md).
 
         Omissions are noted in `provenance`. The recording is cut at a gap longer than `longest_gap_s`.
 
@@ -259,8 +247,6 @@ class Recording:
         """Cut out the samples `start <= i < stop`, as views; truth and provenance stay whole.
 
         Gaps and sub-sample motion are kept as estimated from the whole recording.
-
-        Raises `RecordingError` if too few samples are left.
         """
         part = np.s_[start:stop]
         cut = self.take(part)
@@ -291,8 +277,8 @@ def note_nominal_rate(raw: RawRecording, sigma: float = NOMINAL_SIGMA) -> RawRec
 
 
 def _admit(raw: RawRecording, longest_gap_s: float) -> Recording:
-    """Return the recording of a file's samples; the steps in the order of the table on top of this file."""
-    _check_shapes(raw.t, raw.acc, raw.gyr, raw.mag, raw.pressure)
+    """Return the recording of a file's samples: units, missing samples, stamps, gaps, bad samples."""
+    check_shapes(raw.t, raw.acc, raw.gyr, raw.mag, raw.pressure)
     _check_count(len(raw.t))
     # units and gravity; missing samples
     is_usable = plausibility.find_usable_samples(raw.t, raw.acc, raw.gyr)
@@ -360,27 +346,15 @@ def _note_bad(bad: Bools, sensor: str, t: Floats, row: Ints) -> list[str]:
 
 
 def _move_to_clock(truth: Truth | None, stamped: Floats, t: Floats) -> Truth | None:
-    """Return the truth with its times moved from the `stamped` (K,) s clock of the samples to the corrected `t` (K,) s.
-
-    Footprints lose their times where the clock restarted: one stamp then belongs to two samples.
-    """
+    """Return the truth with its times moved from the `stamped` (K,) s of the samples to the corrected `t` (K,) s."""
     if isinstance(truth, FootprintTruth) and truth.t is not None:
+        # where the clock restarted one stamp belongs to two samples
         if (np.diff(truth.t) <= 0).any() or (np.diff(stamped) < 0).any():
             return replace(truth, t=None)
         return replace(truth, t=truth.t + np.interp(truth.t, stamped, t - stamped))
     if isinstance(truth, TrajectoryTruth) and np.array_equal(truth.t, stamped):
         return replace(truth, t=t)
     return truth
-
-
-def _check_shapes(t: Floats, acc: Floats, gyr: Floats, mag: Floats | None, pressure: Floats | None) -> None:
-    if t.ndim != 1:
-        raise RecordingError(f"t has shape {t.shape}, not (N,): give one stamp a sample.")
-    for name, value in (("acc", acc), ("gyr", gyr), ("mag", mag)):
-        if value is not None and value.shape != (len(t), 3):
-            raise RecordingError(f"{name} has shape {value.shape}, not ({len(t)}, 3): give one row a stamp.")
-    if pressure is not None and pressure.shape != t.shape:
-        raise RecordingError(f"pressure has shape {pressure.shape}, not ({len(t)},): give one a stamp, NaN for none.")
 
 
 def _check_count(count: int) -> None:
@@ -411,7 +385,7 @@ def find_extra_sigmas(recording: Recording, saturated_share: float) -> tuple[Flo
     Constant over the sample's own period, and axis by axis: a foot clips its pitch rate, and its heading need not
     suffer. A rebuilt peak has the sigma of that, and may hide a share of the range besides: `saturated_share`, 0 for no
     extra sigma of peaks. A sample before a gap has the sigma of what lies there times the share of the period that the
-    gap fills, one that was bad of one sensor that of its bridge. The arrays are not to be written to.
+    gap fills, one that was bad of one sensor that of its bridge.
     """
     gaps = recording.gaps
     held_s = recording.t[gaps.sample + 1] - recording.t[gaps.sample]
@@ -421,7 +395,7 @@ def find_extra_sigmas(recording: Recording, saturated_share: float) -> tuple[Flo
     for (samples, unseen), peaks, bridge in zip(sensors, recording.peaks, recording.bridges, strict=True):
         cut = np.flatnonzero(peaks.run.any(axis=1)) if saturated_share > 0 else gaps.sample[:0]
         if not (len(cut) or len(gaps.sample) or len(bridge.sample)):
-            found.append(np.broadcast_to(0.0, samples.shape))
+            found.append(np.broadcast_to(0.0, samples.shape))  # takes no memory, and is not to be written to
             continue
         sigma = np.zeros(samples.shape)
         hidden = saturated_share * np.abs(samples[cut]) * np.sqrt(peaks.run[cut])

@@ -157,10 +157,7 @@ def to_json(value: object) -> Any:
 
 
 def read_small(path: Path) -> bytes:
-    """Return the bytes of a small file; bounded, because the path may be a device that never ends.
-
-    Raises `OSError` if it cannot be read, or holds more than `MAX_BYTES`.
-    """
+    """Return the bytes of a small file; bounded, because the path may be a device that never ends."""
     with path.open("rb") as file:
         content = file.read(MAX_BYTES + 1)
     if len(content) > MAX_BYTES:

@@ -138,10 +138,7 @@ def check_fix(fix: Fix) -> None:
 
 
 def check_fixes(fixes: Sequence[Fix], t: Floats | None = None) -> None:
-    """Refuse fixes that are invalid, contradict each other or, where its stamps `t` (N,) s are given, the walk's span.
-
-    Raises `EstimationError` with the time of the fix.
-    """
+    """Refuse fixes that are invalid, contradict each other or, where its stamps `t` (N,) s are given, the walk."""
     for fix in fixes:
         check_fix(fix)
     if t is not None:
@@ -156,8 +153,6 @@ def check_fixes_on_path(fixes: Sequence[Fix], t: Floats, position: Floats, unsee
     """Refuse fixes farther apart than the distance walked between them on the path `position` (F, 3) m at `t` (F,) s.
 
     `unseen_s` (F,) is the time without samples up to each place. Heights may differ by more: there are lifts.
-
-    Raises `EstimationError` with the time of the fix.
     """
     level = [replace(fix, vertical_sigma_m=np.inf) for fix in (start_fix(float(t[0])), *fixes)]
     fixes = sorted(level, key=lambda fix: fix.time_s)

@@ -157,10 +157,7 @@ class Outcome:
 
 
 def read_walk(path: Path | str | Recording, options: Options = Options(), reading: Reading = Reading()) -> Walk:
-    """Return the walk: the recording, read if given as a path, with calibration, fixes, GNSS and places of the options.
-
-    Raises `FgNavError` if a file cannot be read, or the recording cannot be navigated with.
-    """
+    """Return the walk: the recording, read if it is a path, with calibration, fixes, GNSS and places of the options."""
     truth = None if options.truth_path is None else read_truth(options.truth_path)
     fixes = () if options.fixes_path is None else read_fixes(options.fixes_path)
     calibration = None
@@ -191,10 +188,7 @@ def add_known(
     fixes: Sequence[Fix] = (),
     extra: ExtraFactors | None = None,
 ) -> Walk:
-    """Return the walk with heading (deg), truth, fixes and extra factors added; None leaves its own.
-
-    Raises `FormatError` if a file of the truth cannot be read.
-    """
+    """Return the walk with heading (deg), truth, fixes and extra factors added; None leaves its own."""
     options = walk.options if heading_deg is None else replace(walk.options, heading_deg=heading_deg)
     if isinstance(truth, Path | str):
         options = replace(options, truth_path=Path(truth))
@@ -204,10 +198,7 @@ def add_known(
 
 
 def check_known(walk: Walk) -> None:
-    """Refuse fixes, and a truth that the user named, that cannot belong to this walk, before it is solved.
-
-    Raises `EvaluationError` or `EstimationError`: what is wrong with the truth, or with which fix.
-    """
+    """Refuse fixes, and a truth that the user named, that cannot belong to this walk, before it is solved."""
     if walk.options.truth_path is not None and walk.truth is not None:
         check_truth(walk.truth, walk.recording.t)
         if isinstance(walk.truth, TrajectoryTruth):
@@ -221,10 +212,7 @@ def check_known(walk: Walk) -> None:
 
 
 def correct_walk(walk: Walk) -> Walk:
-    """Return the walk calibrated and with aligned sensor times; drops a magnetometer that is unused or misaligned.
-
-    Raises `CalibrationError` if the calibration is of a magnetometer and the recording has none.
-    """
+    """Return the walk calibrated and with aligned sensor times; drops a magnetometer that is unused or misaligned."""
     recording, options, calibration = walk.recording, walk.options, walk.calibration
     # delay of the gyroscope; axes of the magnetometer
     if options.mount != "pocket":

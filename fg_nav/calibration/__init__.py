@@ -62,28 +62,16 @@ def check_strength(found_uT: float, allowed_uT: tuple[float, float] = FIELD_UT) 
 
 @dataclass(frozen=True)
 class MagnetometerCalibration:
-    """A calibration and its covariance.
+    """A calibration and its covariance."""
 
-    Attributes
-    ----------
-    method : by name.
-    hard_iron_uT : h (3,) in the body frame.
-    correction : C (3, 3), symmetric.
-    covariance : (9, 9) of the parameters in the order above, uT and 1; zero where a method sets one.
-    strength_uT : of the field of the corrected readings.
-    residual_uT : rms of |B| - strength, or of another residual of the method, named in its notes.
-    samples : number of readings.
-    notes : remarks for the user, the coverage verdict first.
-    """
-
-    method: str
-    hard_iron_uT: Floats
-    correction: Floats
-    covariance: Floats
-    strength_uT: float
-    residual_uT: float
-    samples: int
-    notes: tuple[str, ...] = ()
+    method: str  # By name.
+    hard_iron_uT: Floats  # h (3,), in the body frame.
+    correction: Floats  # C (3, 3), symmetric.
+    covariance: Floats  # (9, 9) of the parameters in the order above, uT and 1; zero where a method sets one.
+    strength_uT: float  # Of the field of the corrected readings.
+    residual_uT: float  # rms of |B| - strength, or of another residual of the method, named in its notes.
+    samples: int  # Number of readings.
+    notes: tuple[str, ...] = ()  # Remarks for the user, the coverage verdict first.
 
     def __post_init__(self) -> None:
         for name, shape in (("hard_iron_uT", (3,)), ("correction", (3, 3)), ("covariance", (9, 9))):

@@ -440,21 +440,15 @@ def fit_ellipse(level_xy: Floats) -> Ellipse:
     return replace(ellipse, covariance=worse * ellipse.covariance)
 
 
-# --- quadrics --------------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class QuadricFit:
-    """Center (n,) and C (n, n) of |C (m - h)| = 1, the covariance (P, P) of both, s in uT, and flags (N,) of inliers.
+    """The quadric |C (m - h)| = 1. Its P parameters are the center and the upper half of C, row by row."""
 
-    Its P parameters are the center and the upper half of C, row by row.
-    """
-
-    center: Floats
-    C: Floats
-    covariance: Floats
-    residual_uT: float
-    kept: Bools
+    center: Floats  # (n,).
+    C: Floats  # (n, n).
+    covariance: Floats  # (P, P) of both.
+    residual_uT: float  # s.
+    kept: Bools  # (N,) flags of inliers.
 
 
 def fit_quadric(readings: Floats, sizes: tuple[float, float] | None = None) -> QuadricFit:

@@ -77,21 +77,14 @@ class BiasPrior(TypedDict):
 
 @dataclass(frozen=True)
 class GyroscopeCalibration:
-    """Bias of a gyroscope, and its prediction for the next recording.
+    """Bias of a gyroscope, and its prediction for the next recording."""
 
-    Attributes
-    ----------
-    bias, sigma : (3,) rad/s, of this recording, or the mean of several.
-    next_sigma : rad/s an axis, of the bias of another recording about it: with the change between recordings.
-    recordings, rests, seconds : their number, and the duration of the rests.
-    """
-
-    bias: Floats
-    sigma: Floats
-    next_sigma: float
-    recordings: int
+    bias: Floats  # (3,) rad/s, of this recording, or the mean of several.
+    sigma: Floats  # (3,) rad/s.
+    next_sigma: float  # rad/s an axis, of the bias of another recording about it: with the change between recordings.
+    recordings: int  # Number of recordings, and of their rests.
     rests: int
-    seconds: float
+    seconds: float  # Duration of the rests.
 
     @property
     def prior(self) -> BiasPrior:

@@ -1,15 +1,6 @@
 """All calibrations that one recording allows, and their file.
 
-Magnetometer by one of four methods, gyroscope, accelerometer at rest.
-
-========== ================================= ======================================================================
-method     what it needs                     module
-========== ================================= ======================================================================
-walk       an ordinary walk that turns       `fg_nav.calibration.walk`
-levelled   a loop in an undisturbed place    `fg_nav.calibration.ellipsoid` (Ma 2018, robust)
-ellipsoid  the sensor turned over, no walk   `fg_nav.calibration.ellipsoid`
-sphere     the same                          `fg_nav.calibration.ellipsoid` (Munoz Diaz 2017)
-========== ================================= ======================================================================
+Magnetometer by one of four methods (docs/magnetic.md), gyroscope, accelerometer at rest.
 
 The file is JSON (`docs/formats.md`).
 """
@@ -177,34 +168,23 @@ TUMBLED_BELOW = 0.65  # Mean direction of up of a sensor turned over: 0 evenly, 
 
 @dataclass(frozen=True)
 class Effect:
-    """Effect of a calibration on its own readings, outliers left out.
+    """Effect of a calibration on its own readings, outliers left out."""
 
-    Attributes
-    ----------
-    strength_before_uT, strength_after_uT : standard deviation of |B|.
-    heading_before_deg, heading_after_deg : circular standard deviation of compass minus gyroscope at the footfalls,
-        including the gyroscope's drift; NaN for a sensor that was turned over.
-    """
-
-    strength_before_uT: float
+    strength_before_uT: float  # Standard deviation of |B|.
     strength_after_uT: float
-    heading_before_deg: float = float("nan")
+    heading_before_deg: float = float("nan")  # Circular sd of compass minus gyroscope, drift included, at footfalls.
     heading_after_deg: float = float("nan")
 
 
 @dataclass(frozen=True)
 class CalibrationResult:
-    """A calibration, the reason of its method, and its effect on its own readings.
-
-    `effect` is None where the magnetometer is not calibrated. `axes` are those of the magnetometer, where given: the
-    calibration is of readings in the axes of the gyroscope. `remarks` are on its axes and its delay.
-    """
+    """A calibration, the reason of its method, and its effect on its own readings."""
 
     calibration: Calibration
     choice: str
-    effect: Effect | None
-    axes: MagAxes | None = None
-    remarks: tuple[str, ...] = ()
+    effect: Effect | None  # None where the magnetometer is not calibrated.
+    axes: MagAxes | None = None  # Of the magnetometer, where given: what is calibrated is in those of the gyroscope.
+    remarks: tuple[str, ...] = ()  # On its axes and its delay.
 
 
 def calibrate(
@@ -224,8 +204,7 @@ def calibrate(
     method : one of `METHODS`; None for `ellipsoid` where up goes round all of the sensor's axes, else `walk`.
     strength_uT : of the field at the place, for a sensor that was turned over; None if it is not known.
     axes : of the magnetometer in those of the gyroscope; None for the same.
-    sensor : gyroscope by several recordings of the sensor, this the first of them: the magnetometer need not be
-        calibrated then.
+    sensor : gyroscope by several recordings, this the first of them: the magnetometer need not be calibrated then.
     """
     gyroscope = calibrate_gyroscope(recording) if sensor is None else sensor
     path = recording.provenance.path

@@ -137,13 +137,7 @@ class StrideReadings:
 
 
 def read_strides(recording: Recording, stances: Stances, nav_R_body: Floats | None = None) -> StrideReadings:
-    """Select the readings of each stride.
-
-    Parameters
-    ----------
-    recording : with a magnetometer, not calibrated.
-    stances : of that recording.
-    nav_R_body : (N, 3, 3), the attitude to use; None for that of the gyroscope and the stances.
+    """Select the readings of each stride; attitudes `nav_R_body` (N, 3, 3) are by gyroscope and stances if None.
 
     Raises `MagneticError` without a magnetometer, or if it never measures; `EstimationError` without a stance, or with
     stances of another recording.
@@ -208,19 +202,6 @@ class StrideModel:
         return cls(strides, knots[:, 1:], np.linalg.inv(covariance))
 
 
-def prior_precision(walk: StrideModel) -> Floats:
-    """Prior precision (U, U), zero for b. Off-diagonal S has sigma / sqrt(2), which makes the prior isotropic."""
-    soft = np.where(UPPER[0] == UPPER[1], 1.0, 0.5) * SOFT_IRON_SIGMA**2
-    precision = np.zeros((walk.unknowns,) * 2)
-    precision[IRON, IRON] = np.diag(1 / np.concatenate([np.full(3, HARD_IRON_SIGMA_UT**2), soft]))
-    precision[DELAY, DELAY] = DELAY_SIGMA_S**-2
-    apart = np.abs(np.subtract.outer(np.arange(COMMON_KNOTS), np.arange(COMMON_KNOTS)))
-    common = AXES_SIGMA_RAD**2 + SWING_SIGMA_RAD**2 * np.exp(-apart / SWING_KNOTS)
-    precision[COMMON, COMMON] = np.kron(np.linalg.inv(common), np.eye(3))
-    precision[DRIFT:, DRIFT:] = walk.drift_precision
-    return precision
-
-
 def start_unknowns(walk: StrideModel) -> Floats:
     """Initial values: no iron, no delay, no drift, and the mean field."""
     at = np.zeros(walk.unknowns)
@@ -256,19 +237,6 @@ def linearize(walk: StrideModel, at: Floats) -> tuple[Floats, Floats]:
         np.einsum("kpi,kq->kpiq", np.einsum("kpij,kj->kpi", level, by_delta), walk.knots),
     )
     return residual, np.concatenate(parts, axis=3)
-
-
-def learn_spread(walk: StrideModel, residual: Floats, weight: Floats) -> Floats:
-    """Covariance (3, P, P) of d over the phases of a stride, the same for both axes over the ground.
-
-    Shrunk toward the covariance of a field correlated over `FIELD_LENGTH_M`, for few strides determine it poorly.
-    """
-    pulled = residual * np.sqrt(weight)[:, None, None]
-    square = np.einsum("kpa,kqa->apq", pulled, pulled) / len(residual)
-    place = walk.strides.place
-    alike = np.exp(-np.linalg.norm(place[:, :, None] - place[:, None], axis=3).mean(axis=0) / FIELD_LENGTH_M)
-    level = _shrink((square[0] + square[1]) / 2, alike, 2 * len(residual))
-    return np.stack([level, level, _shrink(square[2], alike, len(residual))])
 
 
 def _shrink(covariance: Floats, alike: Floats, count: int) -> Floats:
@@ -329,24 +297,14 @@ class Linearization:
 
 @dataclass(frozen=True)
 class IronFit:
-    """Solution of a walk.
+    """Solution of a walk."""
 
-    Attributes
-    ----------
-    unknowns : (U,) in the order of the model.
-    linearization : about them.
-    prior : (U, U) precision.
-    covariance : (9, 9) of h and the six of S.
-    level_iron, level_covariance : of the horizontal iron at the footfalls, (2,) uT and (2, 2) uT^2: h, and S times the
-        vertical field.
-    """
-
-    unknowns: Floats
-    linearization: Linearization
-    prior: Floats
-    covariance: Floats
-    level_iron: Floats
-    level_covariance: Floats
+    unknowns: Floats  # (U,) in the order of the model.
+    linearization: Linearization  # About them.
+    prior: Floats  # (U, U) precision.
+    covariance: Floats  # (9, 9) of h and the six of S.
+    level_iron: Floats  # (2,) uT, horizontal at the footfalls: h, and S times the vertical field.
+    level_covariance: Floats  # (2, 2) uT^2.
 
     @property
     def S(self) -> Floats:
@@ -367,8 +325,19 @@ class IronFit:
 def fit_iron(walk: StrideModel) -> IronFit:
     """Estimate the iron, with all other unknowns, by robust Gauss-Newton from zero, and its sandwich covariance."""
     at, spread = start_unknowns(walk), START_UT**2 * np.stack([np.eye(PHASES)] * 3)
-    prior, rest = prior_precision(walk), np.zeros(walk.unknowns)
+    # Prior about `rest`, zero information on b; off-diagonal S has sigma / sqrt(2), which makes it isotropic.
+    prior, rest = np.zeros((walk.unknowns,) * 2), np.zeros(walk.unknowns)
+    soft = np.where(UPPER[0] == UPPER[1], 1.0, 0.5) * SOFT_IRON_SIGMA**2
+    prior[IRON, IRON] = np.diag(1 / np.concatenate([np.full(3, HARD_IRON_SIGMA_UT**2), soft]))
+    prior[DELAY, DELAY] = DELAY_SIGMA_S**-2
+    apart = np.abs(np.subtract.outer(np.arange(COMMON_KNOTS), np.arange(COMMON_KNOTS)))
+    common = AXES_SIGMA_RAD**2 + SWING_SIGMA_RAD**2 * np.exp(-apart / SWING_KNOTS)
+    prior[COMMON, COMMON] = np.kron(np.linalg.inv(common), np.eye(3))
+    prior[DRIFT:, DRIFT:] = walk.drift_precision
     rest[IRON] = WITHOUT_IRON
+    # Correlation of a field over `FIELD_LENGTH_M`, toward which that of d is shrunk: few strides determine it poorly.
+    place = walk.strides.place
+    alike = np.exp(-np.linalg.norm(place[:, :, None] - place[:, None], axis=3).mean(axis=0) / FIELD_LENGTH_M)
     last = Linearization.at(walk, at, spread)
     for step in range(MAX_STEPS):
         if step:
@@ -379,7 +348,11 @@ def fit_iron(walk: StrideModel) -> IronFit:
         if step >= MIN_STEPS and np.abs(change[:3]).max() < CLOSE_UT:
             break
         at = at + change
-        spread = learn_spread(walk, last.residual - last.jacobian @ change, last.weight)
+        # Covariance of d over the phases of a stride, the same for both axes over the ground.
+        pulled = (last.residual - last.jacobian @ change) * np.sqrt(last.weight)[:, None, None]
+        square = np.einsum("kpa,kqa->apq", pulled, pulled) / len(walk)
+        level = _shrink((square[0] + square[1]) / 2, alike, 2 * len(walk))
+        spread = np.stack([level, level, _shrink(square[2], alike, len(walk))])
     covariance = _compute_covariance(walk, last, prior)[IRON, IRON]
     up = mean_up(walk.strides.standing_R)
     level = compute_level_R_body(up)[:2] @ sum_iron(up, float(at[FIELD][2]))

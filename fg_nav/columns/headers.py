@@ -1,15 +1,13 @@
 """What the name of a column says: `Acc X [g]`, `gyro_x (deg/s)`, `angular_velocity.x`, `mag_z_uT`, `ax`, `Time (ms)`.
 
 A name is taken apart into words at blanks, signs and capitals. A unit stands in brackets or at its end, an axis is a
-word of its own or the last letter, and what is left says the quantity. Where it says none, or one that has no such
-unit, the unit does: deg/s and rad/s are those of a gyroscope, g and m/s^2 of an accelerometer, whatever the name.
-Acceleration without gravity (linear, user, free) and gravity alone are kinds of their own, which make a specific force
-together. Names of what is computed of samples, a covariance, say nothing.
+word of its own or the last letter, and what is left says the quantity; where it says none, the unit does. Acceleration
+without gravity (linear, user, free) and gravity alone are kinds of their own, which make a specific force together.
+Names of what is computed of samples, a covariance, say nothing.
 
 Unit words are compared without case, blanks, brackets, dots and typography: `m/s²`, `m/s^2`, `m/(s^2)` and
-`meters/second^2` are one, and so are `µT` and `μT`, which look alike and are two characters. Bytes that an editor has
-mangled are read where one unit is left that they can have been. A magnetometer in arbitrary units has a direction and
-no strength: NaN.
+`meters/second^2` are one. Bytes that an editor has mangled are read where one unit is left that they can have been. A
+magnetometer in arbitrary units has a direction and no strength: NaN.
 """
 
 from __future__ import annotations
@@ -216,11 +214,7 @@ def read_header(name: str) -> Meaning | None:
 
 
 def _find_kind_of_unit(words: list[str], axis: str, quantity: Quantity | None, in_brackets: bool) -> Kind | None:
-    """Return the kind of a column by the quantity of its unit, where the name has none.
-
-    None where a word of the name is against it, a sensor's column has no axis or a clock one, or the unit is not in
-    brackets, which that of a rate need not be.
-    """
+    """Return the kind of a column by the quantity of its unit, where the name has none and no word of it is against."""
     against = _NOTHING - {"velocity"} if quantity == "gyr" else _NOTHING  # an angular velocity is a rate
     if quantity is None or not (in_brackets or quantity == "gyr") or not against.isdisjoint(words):
         return None

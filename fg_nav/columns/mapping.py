@@ -3,12 +3,8 @@
     time=ts[ms],acc=ax:ay:az[g],gyr=gx:gy:gz[deg/s],mag=mx:my:mz[G]     columns by name, or by number from 1
     t,ax,ay,az,gx,gy,gz                                                 all fields in order, - for one not used
 
-A unit in brackets is of all columns of its quantity; with the list, units stand in a list of their own. Without a unit
-counts that of the column's name, if it has one.
-
-What a mapping leaves out, or all without one, is what the names say (`fg_nav.columns.headers`). The three axes of a
-sensor share the words of their names. One accelerometer, one gyroscope and at most one magnetometer are taken; where
-the names leave a choice, it is the user's. The ranks of several are in docs/formats.md.
+What a mapping leaves out, or all without one, is what the names say (`fg_nav.columns.headers`). One accelerometer, one
+gyroscope and at most one magnetometer are taken; where the names leave a choice, it is the user's (docs/formats.md).
 """
 
 from __future__ import annotations
@@ -51,7 +47,6 @@ SHORT = dict(zip(("t", "ax", "ay", "az", "gx", "gy", "gz", "mx", "my", "mz", "p"
 
 PASSED_OVER = "-"  # In place of the name of a column that is not used.
 
-OPEN = "time=NAME[UNIT],acc=NAME:NAME:NAME[UNIT],gyr=NAME:NAME:NAME[UNIT]"  # For the user to fill in.
 EXAMPLE = "time=t[ms],acc=ax:ay:az[g],gyr=gx:gy:gz[deg/s]"
 
 _PART = re.compile(r"(?:^|,)\s*(time|acc|gyr|mag|pressure)\s*=", re.IGNORECASE)
@@ -99,10 +94,7 @@ class Columns:
     width: int | None = None  # number of fields of a row, where all are listed; else None
 
     def find(self, names: Sequence[str], source: str) -> dict[Quantity, Channel]:
-        """Return the columns by quantity, looked up in the `names` of a table from `source`.
-
-        Raises `FormatError` if one is not there, or two of the names are the same column.
-        """
+        """Return the columns by quantity, looked up in the `names` of a table from `source`."""
         if self.width is not None and self.width != len(names):
             raise FormatError(
                 f"--columns lists {self.width} fields and {source} has {len(names)} columns: list each, with - for one "
@@ -130,8 +122,6 @@ def parse_columns(words: str, units: str | None = None) -> Columns:
 
     >>> parse_columns("acc=2:3:4[g],gyr=5:6:7[deg/s]").units
     {'acc': 'g', 'gyr': 'deg/s'}
-
-    Raises `FormatError` if a quantity is doubled or of another number of columns, or a unit is not known.
     """
     if "=" not in words:
         return _parse_list(words, units)
@@ -261,8 +251,6 @@ def choose_columns(
     """Return the columns of time, acc, gyr, mag and pressure by name; `sensor` selects, by a part of the name.
 
     Columns `given` by the user prevail; only a missing time is added (not with a rate), or all without acc or gyr.
-
-    Raises `FormatError` if the names of acceleration or rate are missing, or leave a choice.
     """
     known = NONE if given is None else given.find(names, hints.name)
     is_listed = given is not None and given.width is not None

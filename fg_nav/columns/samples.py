@@ -1,11 +1,7 @@
-"""Columns of numbers become samples in SI; what their names do not say is judged by physics, and said.
+"""Columns of numbers become samples in SI; what their names do not say is judged by physics (docs/formats.md).
 
-What judges each unit is in docs/formats.md. Stamps too coarse for the rate are spread over the rows that share them.
-Without stamps a counter, or else the rows, give the time by the rate that the user says.
-
-Arrays and data frames of the user's own are converted by the same words as a file's columns. Units are a list,
-`"ms, g, deg/s"`, of which each says its quantity, or by quantity, `{"acc": "g"}`. Arrays without one are in s, m/s^2,
-rad/s and uT; of a data frame counts what the names of its columns say, and what they do not say is judged.
+Units of the user's own arrays and data frames are a list, `"ms, g, deg/s"`, of which each says its quantity, or by
+quantity, `{"acc": "g"}`. Arrays without one are in s, m/s^2, rad/s and uT.
 """
 
 from __future__ import annotations
@@ -70,11 +66,9 @@ def list_positions(columns: ColumnMap) -> list[int]:
     return [position for channel in channels if channel is not None for position in channel.positions]
 
 
+@np.errstate(over="ignore", invalid="ignore")  # nonsense numbers are found as such later
 def convert_samples(values: Floats, columns: ColumnMap, rate_hz: float | None, hints: Hints) -> Samples:
-    """Return SI samples from `values` (N, K), the columns in the order of `list_positions`.
-
-    Raises `FormatError` if there is neither time nor rate, or a unit that nothing shows.
-    """
+    """Return SI samples from `values` (N, K), the columns in the order of `list_positions`."""
     notes: list[str] = []
     parts = (columns.time or columns.counter, columns.acc, columns.gyr, columns.mag)
     ends = np.cumsum([len(part.positions) if part else 0 for part in parts])
@@ -119,8 +113,7 @@ def convert_pressure(values: Floats, channel: Channel, notes: list[str]) -> Floa
     """
     units = [channel.unit] if channel.unit else ["Pa", "hPa", "kPa"]
     factors = [find_factor("pressure", unit) or 1.0 for unit in units]
-    with np.errstate(over="ignore", invalid="ignore"):
-        scaled = [plausibility.keep_air(values * factor) for factor in factors]
+    scaled = [plausibility.keep_air(values * factor) for factor in factors]
     counts = [0 if one is None else int(np.isfinite(one).sum()) for one in scaled]
     if max(counts) > 0:
         return scaled[int(np.argmax(counts))]
@@ -134,8 +127,7 @@ def convert_pressure(values: Floats, channel: Channel, notes: list[str]) -> Floa
 
 def _scale(values: Floats, quantity: Quantity, channel: Channel, unit: str, hints: Hints) -> Floats:
     factor = find_scale(quantity, unit, channel.names[0], hints.name)
-    with np.errstate(over="ignore", invalid="ignore"):  # nonsense numbers are found as such later
-        return np.ascontiguousarray(values * factor)
+    return np.ascontiguousarray(values * factor)
 
 
 def _make_time(
@@ -281,35 +273,36 @@ _ARRAYS = Hints("the arrays", "units=", "rate_hz=100", "")
 
 
 def convert_arrays(t: ArrayLike, acc: ArrayLike, gyr: ArrayLike, mag: ArrayLike | None, units: Units) -> Samples:
-    """Convert stamps (N,), force, rate and field (N, 3) to SI.
-
-    Raises `FormatError` for a unit that is not known, and `RecordingError` for what are no numbers of that shape.
-    """
+    """Convert stamps (N,), force, rate and field (N, 3) to SI."""
     words = {**SI_UNITS, **_read_units(units)}
     stamps = to_floats(np.asarray(t), "t", "the arrays")
     if np.asarray(t).dtype.kind == "M":
         words["time"] = "s"
-    values = [stamps.reshape(-1, 1) if stamps.ndim == 1 else stamps]
-    for name, vectors in (("acc", acc), ("gyr", gyr), ("mag", mag)):
-        if vectors is not None or name != "mag":
-            values.append(to_floats(np.asarray(vectors), name, "the arrays"))
-            if values[-1].shape != (len(stamps), 3):
-                raise RecordingError(
-                    f"{name} has shape {values[-1].shape}, not ({len(stamps)}, 3): give one row a stamp."
-                )
-    if stamps.ndim != 1:
-        raise RecordingError(f"t has shape {stamps.shape}, not (N,): give one stamp a sample.")
+    force, rate = (to_floats(np.asarray(one), name, "the arrays") for name, one in (("acc", acc), ("gyr", gyr)))
+    field = None if mag is None else to_floats(np.asarray(mag), "mag", "the arrays")
+    check_shapes(stamps, force, rate, field)
+    values = [stamps[:, None], force, rate, *([] if field is None else [field])]
     places: dict[Quantity, tuple[int, ...]] = {"time": (0,), "acc": (1, 2, 3), "gyr": (4, 5, 6), "mag": (7, 8, 9)}
     channels = [Channel(at, (name,), words[name]) for name, at in places.items()]
     columns = ColumnMap(channels[1], channels[2], None if mag is None else channels[3], channels[0])
     return convert_samples(np.concatenate(values, axis=1), columns, None, _ARRAYS)
 
 
-def convert_frame(frame: pd.DataFrame, columns: ColumnNames, units: Units, rate_hz: float | None) -> Samples:
-    """Convert the columns of a data frame, by their names or as mapped, to SI.
+def check_shapes(
+    t: Floats, acc: Floats, gyr: Floats, mag: Floats | None = None, pressure: Floats | None = None
+) -> None:
+    """Raise `RecordingError` where there is not one stamp, and one row of each sensor, a sample."""
+    if t.ndim != 1:
+        raise RecordingError(f"t has shape {t.shape}, not (N,): give one stamp a sample.")
+    for name, value in (("acc", acc), ("gyr", gyr), ("mag", mag)):
+        if value is not None and value.shape != (len(t), 3):
+            raise RecordingError(f"{name} has shape {value.shape}, not ({len(t)}, 3): give one row a stamp.")
+    if pressure is not None and pressure.shape != t.shape:
+        raise RecordingError(f"pressure has shape {pressure.shape}, not ({len(t)},): give one a stamp, NaN for none.")
 
-    Raises `FormatError` if a column or unit is missing and cannot be judged, or a value is no number.
-    """
+
+def convert_frame(frame: pd.DataFrame, columns: ColumnNames, units: Units, rate_hz: float | None) -> Samples:
+    """Convert the columns of a data frame, by their names or as mapped, to SI."""
     if frame.index.name is not None or frame.index.dtype.kind == "M":
         frame = frame.reset_index(names=[frame.index.name or "time"])
     names = [" ".join(map(str, name)) if isinstance(name, tuple) else str(name) for name in frame.columns]
@@ -347,10 +340,7 @@ def _read_units(units: Units) -> dict[Quantity, str]:
 
 
 def to_floats(column: np.ndarray[Any, Any], name: str, source: str) -> Floats:
-    """Return a column as floats, instants as seconds since 1970; what is empty is NaN.
-
-    Raises `FormatError` with the row of what is no number.
-    """
+    """Return a column as floats, instants as seconds since 1970; what is empty is NaN."""
     if column.dtype.kind == "M":
         seconds = column.astype("datetime64[ns]").astype(np.int64) * 1e-9
         return np.where(np.isnat(column), np.nan, seconds)

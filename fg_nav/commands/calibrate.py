@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
@@ -12,7 +12,6 @@ import numpy as np
 from fg_nav.calibration import UPPER
 from fg_nav.calibration.inertial import (
     ALONE,
-    GyroscopeCalibration,
     average_gyroscopes,
     calibrate_gyroscope,
     read_walk_bias,
@@ -31,7 +30,6 @@ from fg_nav.earth import Place, compute_field
 from fg_nav.errors import CalibrationError, DetectionError, EstimationError
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.pipeline import navigate
-from fg_nav.recording import Recording
 from fg_nav.report.folder import check_file_free, result_file
 from fg_nav.report.terminal import console, listing, ruled_table
 from fg_nav.walk import Options
@@ -52,7 +50,17 @@ def calibrate(request: CalibrateRequest) -> Answer:
     if request.place is not None:
         strength_uT = compute_field(Place.parse(request.place)).strength_uT
     first, *others = [reading.read(file) for file in request.recordings]
-    sensor = calibrate_sensor([first, *others]) if others else None
+    # The mean bias of the gyroscope over several recordings: walks, each solved on its own, and rests.
+    biases = []
+    for recording in (first, *others) if others else ():
+        try:
+            biases.append(read_walk_bias(navigate(recording, options=Options(changes=ALONE))))
+        except (DetectionError, EstimationError):
+            at_rest = calibrate_gyroscope(recording)
+            if at_rest is None:
+                raise
+            biases.append(at_rest)
+    sensor = average_gyroscopes(biases) if biases else None
     found = calibrate_recording(first, request.method, strength_uT, axes, sensor)
     with result_file(out, is_calibration, request.force) as fresh:
         write_calibration(fresh, found.calibration)
@@ -65,23 +73,6 @@ def calibrate(request: CalibrateRequest) -> Answer:
         "calibration": json.loads(out.read_text(encoding="utf-8")),
     }
     return Answer(content, partial(print_calibration, found, out))
-
-
-def calibrate_sensor(recordings: Sequence[Recording]) -> GyroscopeCalibration:
-    """Return the mean gyroscope bias over recordings of one sensor: walks, each solved on its own, and rests.
-
-    Raises `FgNavError` for a recording that neither walks nor rests.
-    """
-    found = []
-    for recording in recordings:
-        try:
-            found.append(read_walk_bias(navigate(recording, options=Options(changes=ALONE))))
-        except (DetectionError, EstimationError):
-            at_rest = calibrate_gyroscope(recording)
-            if at_rest is None:
-                raise
-            found.append(at_rest)
-    return average_gyroscopes(found)
 
 
 def print_calibration(found: CalibrationResult, place: Path) -> None:

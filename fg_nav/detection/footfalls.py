@@ -1,32 +1,12 @@
 """Footfalls among the moments of stillness: an automatic threshold for each footfall of each recording.
 
-The steps, with their reasons and figures in docs/models.md:
-
-1. Candidates are the local minima of L = log10(SHOE), at least `PROMINENCE` decades deep; a rest is one candidate,
-   from its first sample to its last. Both ends of the recording may cut a slope: they are minima only below `FLOOR`.
-2. A free strapdown pass, both ways from the stillest candidate, gives the velocity V at each candidate, up to a slow
-   drift. A foot in mid-swing moves at metres a second.
-3. The footfalls are the chain of candidates i -> j -> ... with the greatest
-       sum of u_i - c_ij,    u = reward - max(L - L_0, 0),
-       c_ij = 2 log(1 + |V_j - V_i|^2 / (4 s^2)),   s^2 = s_0^2 + (s_a T_ij)^2,
-   found by dynamic programming: still candidates earn, changes of velocity cost. No link is longer than `MAX_LINK_S`,
-   unless nothing is between. A chain may leave out the first or last `MAX_SWING_S` of a recording.
-4. A stance reaches from its minimum as far as L stays below a threshold of its own, `MARGIN` above the minimum
-   but between `FLOOR` and `CEILING`.
-5. Where no footfall was found for longer than a swing lasts, those of a second search, with wider s, are taken.
-6. Where there is still a gap of more than a cycle, it is filled with the stillest moment of each (below).
-7. Of two intervals closer than `MIN_SWING_S`, with the angular rate of a swing between them, only the stiller is a
-   stance. Two rests stay two.
-
-Behind a hole in the samples (`fg_nav.samples.gaps`) all begins anew: no stance and no link reaches over one.
+The steps, 1 to 7, with their reasons and figures are in docs/models.md, "Stances". Two more cases: both ends of the
+recording may cut a slope, and are minima only below `FLOOR`; a chain may leave out the first or last `MAX_SWING_S` of a
+recording, and no link of it is longer than `MAX_LINK_S`, unless nothing is between. Behind a hole in the samples
+(`fg_nav.samples.gaps`) all begins anew: no stance and no link reaches over one.
 
 Levels L are in decades of SHOE at the noise of `fg_nav.detection.stance`: L is reached by an angular rate of 0.2 deg/s,
 or a specific force that is off gravity by 0.02 m/s^2, times 10^(L/2). A sensor at rest has L of about 1.
-
-Cycles of a foot that runs, whose free velocity shows nothing after few strides. In a gap longer than `GAP` T a minimum
-of L is a stance if the autocorrelation of L about it has a period T, if it is the lowest within `SHARE` T to either
-side, and if the foot landed before it. A footfall above `DOUBTFUL_LEVEL` that is not the lowest of its own cycle is a
-mid-swing and is dropped before.
 """
 
 from __future__ import annotations
@@ -45,17 +25,12 @@ from fg_nav.system.compiled import njit
 
 
 class Link(NamedTuple):
-    """Noise of the free velocity between two footfalls, and the level of tilt correction on the path.
+    """Noise of the free velocity between two footfalls, and the level of tilt correction on the path."""
 
-    Below `still_level` the tilt is nudged toward the specific force. `velocity_sigma`, s_0 in m/s, is the error of a
-    stance's velocity and of one shock; `acc_sigma`, s_a in m/s^2, that of the acceleration by tilt, bias and scale;
-    `reward` the worth of a perfectly still candidate, in units of log likelihood.
-    """
-
-    still_level: float
-    velocity_sigma: float
-    acc_sigma: float
-    reward: float
+    still_level: float  # Below it the tilt is nudged toward the specific force.
+    velocity_sigma: float  # s_0 in m/s: error of a stance's velocity and of one shock.
+    acc_sigma: float  # s_a in m/s^2, of the acceleration by tilt, bias and scale.
+    reward: float  # Worth of a perfectly still candidate, in units of log likelihood.
 
 
 # From gait, not from single walks: stride counts do not change over wide ranges of these.
@@ -310,12 +285,7 @@ def _grow_and_merge(level: Floats, samples: Ints, threshold: Floats, found: Floa
 
 
 def find_cycle_stances(t: Floats, acc: Floats, level: Floats, minima: Ints, start: Floats, stop: Floats) -> Ints:
-    """Find the stances of a running foot between the intervals `start` to `stop` (K,); return samples from `minima`.
-
-    Parameters
-    ----------
-    t, acc, level : (N,) s, (N, 3) m/s^2 and (N,) decades.
-    """
+    """Find the stances of a running foot between the intervals `start` to `stop` (K,); return samples from `minima`."""
     ends = np.array([0, len(t) - 1])
     before = np.concatenate([ends[:1], np.minimum(stop, ends[1])]).astype(np.int64)
     after = np.concatenate([start, ends[1:]]).astype(np.int64)

@@ -34,8 +34,7 @@ force, each sample rotated into the axes at the start of the stride, is gravity,
     L(M)   = median_k (l_k(M) - l_k(I))
 
 Scale and bias of the accelerometer are the same in every stride, and so is the effect of wrong axes on an even gait:
-many strides are one observation, L is their median and does not grow with their number. Wrong axes are accepted where
-the mean force is off by 1.1 m/s^2, and suspected from 0.7 on (docs/pocket.md); which axes are wrong is not reported. A
+many strides are one observation, L is their median and does not grow with their number (limits: docs/pocket.md). A
 stride is the period of the rate about its main axis, by its autocorrelation in windows of `SWINGS_S`.
 """
 
@@ -110,29 +109,25 @@ def measure_turning(recording: Recording) -> TurnSigns:
     count = round(TURNING_S / recording.period_s)
     whole = len(rate) // count if count > 1 else 0
     windows, force = (one[: whole * count].reshape(whole, max(count, 1), 3) for one in (rate, recording.acc))
-    found = [
-        _measure_windows(windows[first : first + WINDOWS], force[first : first + WINDOWS], recording.period_s)
-        for first in range(0, whole, WINDOWS)
-    ]
-    signs = np.concatenate(found) if found else np.zeros((0, 5))
+    found = [np.zeros((0, 5))]
+    for some in (slice(first, first + WINDOWS) for first in range(0, whole, WINDOWS)):
+        # rest share, peak, rhythm, impact, and whether it pauses, of the windows that turn
+        size = np.linalg.norm(windows[some], axis=2)
+        peak = size.max(axis=1)
+        moving = peak > np.radians(MOVING_DEG_S)
+        size, peak = size[moving], peak[moving]
+        rest_share = (size < RESTING_PART * peak[:, None]).mean(axis=1)
+        impact = np.linalg.norm(force[some][moving], axis=2).max(axis=1)
+        thirds = np.array([part.max(axis=1) for part in np.array_split(size, 3, axis=1)])
+        pauses = (thirds < np.radians(MOVING_DEG_S)).any(axis=0)
+        rhythm = _measure_rhythm(windows[some][moving], recording.period_s)
+        found.append(np.column_stack([rest_share, peak, rhythm, impact, pauses]))
+    signs = np.concatenate(found)
     if not len(signs):
         return TurnSigns(0, np.nan, np.nan, np.nan, np.nan)
     pauses = signs[:, 4] > 0  # a thigh rests as a foot does: left out unless all windows pause
-    rest_share, peak, rhythm, impact = np.median(signs[pauses == pauses.all(), :4], axis=0).tolist()
-    return TurnSigns(len(signs), rest_share, float(np.degrees(peak)), rhythm, impact)
-
-
-def _measure_windows(rate: Floats, force: Floats, period_s: float) -> Floats:
-    """Rest share, peak rad/s, rhythm, impact m/s^2 and whether it pauses (M, 5), of the windows (W, n, 3) that turn."""
-    size = np.linalg.norm(rate, axis=2)
-    peak = size.max(axis=1)
-    moving = peak > np.radians(MOVING_DEG_S)
-    size, peak = size[moving], peak[moving]
-    rest_share = (size < RESTING_PART * peak[:, None]).mean(axis=1)
-    impact = np.linalg.norm(force[moving], axis=2).max(axis=1)
-    thirds = np.array([part.max(axis=1) for part in np.array_split(size, 3, axis=1)])
-    pauses = (thirds < np.radians(MOVING_DEG_S)).any(axis=0)
-    return np.column_stack([rest_share, peak, _measure_rhythm(rate[moving], period_s), impact, pauses])
+    share, peak_rad_s, correlation, hit_m_s2 = np.median(signs[pauses == pauses.all(), :4], axis=0).tolist()
+    return TurnSigns(len(signs), share, float(np.degrees(peak_rad_s)), correlation, hit_m_s2)
 
 
 def remove_fast(values: Floats, period_s: float, below_hz: float = SLOW_HZ) -> Floats:

@@ -1,28 +1,14 @@
 """What stances show of the sensor: the gyroscope's bias in rests, the walk's ends, and the lever of a rolling foot.
 
-A rest (docs/models.md) is a run of blocks that are quiet within and agree with each other, in rate and in specific
-force; none reaches over a hole in the samples. The bias is the slope of the integrated rate over the rest: with s the
-rms of the angle about that line, over a time T it is uncertain by
-
-    `SWAY_SCALE` s sqrt(12) / T,
-
-for n independent angles have s sqrt(12 / n) / T, and sway has about one. Further parts are the sensor's noise, and a
-floor for changes of the bias within a walk.
+Rests and the lever are those of docs/models.md ("Rests", "The rolling lever"); none reaches over a hole in the samples.
 
 Navigation begins in the first stance: the mean specific force levels the sensor; the heading is given, or zero. A rest
 in the first footfall determines the gyro bias, and in the first stance it levels better. Before the first stance and
 after the last nothing bounds the motion: within the longest swing of them the samples are integrated like any others,
 and beyond the path is frozen, for the error of a free strapdown grows to kilometres in half a minute.
 
-Lever from the rolling point to the sensor. In stance a foot rolls slowly about a point near the ground, and a sensor at
-l from it (body frame) moves with v = w x l. With R(t) the attitude since the first sample of the stance,
-
-    y(t) = int R f ds = R (w x l) + offset + ramp,    R (w x l) = A(t) l,    A = R [w]x,
-
-offset and ramp being the velocity at the start, gravity, tilt and bias. Both are projected out of each stance, and l is
-the least-squares solution over all of them. No velocity is assumed to be zero, so it does not shrink: an estimate in a
-graph whose zero-velocity factors pull v to zero is far too small. The covariance is that of the scatter from stance to
-stance (a sandwich estimate: errors within a stance are correlated).
+Lever. With y the integral of R f there, offset and ramp are projected out of each stance. The covariance of l is of the
+scatter from stance to stance (a sandwich estimate: errors within a stance are correlated).
 """
 
 from __future__ import annotations
@@ -65,16 +51,13 @@ class RestParameters:
 
 @dataclass(frozen=True)
 class Rest:
-    """Samples `start <= i < stop` of a rest.
-
-    `rate` (3,) rad/s is the gyro bias, with this covariance (3, 3), `force` (3,) m/s^2 the mean specific force.
-    """
+    """Samples `start <= i < stop` of a rest."""
 
     start: int
     stop: int
-    rate: Floats
-    covariance: Floats
-    force: Floats
+    rate: Floats  # (3,) rad/s, the gyro bias.
+    covariance: Floats  # (3, 3) of it.
+    force: Floats  # (3,) m/s^2, mean specific force.
 
     @property
     def sigma(self) -> Floats:
@@ -172,16 +155,13 @@ def _measure_rest(recording: Recording, start: int, stop: int) -> Rest:
 
 @dataclass(frozen=True)
 class Start:
-    """Start of navigation: sample `row` and its attitude.
-
-    `rest` is that of the first footfall, if there is one, and `rests` are those of the whole recording.
-    """
+    """Start of navigation: sample `row` and its attitude."""
 
     row: int
     nav_R_body: Floats
     levelled_at_rest: bool
-    rest: Rest | None
-    rests: tuple[Rest, ...]
+    rest: Rest | None  # Of the first footfall.
+    rests: tuple[Rest, ...]  # Of the whole recording.
 
 
 def find_start(

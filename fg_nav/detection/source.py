@@ -61,13 +61,7 @@ BLOCK_S: Mapping[Wearing, float] = {"foot": 5.0, "pocket": SWINGS_S + 0.05}  # f
 
 
 class SourceCheck:
-    """Checks the rows of a stream as they come, whatever the blocks.
-
-    Parameters
-    ----------
-    mount : where the sensor should be worn.
-    remark : called with one sentence if two sensors are found later than `REFUSED_S`.
-    """
+    """Checks the rows of a stream as they come, whatever the blocks; after `REFUSED_S` it only remarks."""
 
     def __init__(self, mount: Wearing, remark: Callable[[str], None]) -> None:
         self._mount, self._remark = mount, remark
@@ -152,13 +146,7 @@ def has_two_clocks(t: Floats) -> bool:
 
 
 class AxesCheck:
-    """Checks the axes of the samples of a walk as they come, whatever the blocks, by the `evidence` of its strides.
-
-    Parameters
-    ----------
-    remark : called with one sentence if wrong axes are found later than `REFUSED_S`.
-    mount : where the sensor is worn.
-    """
+    """Checks the axes of samples as they come by the `evidence` of their strides; after `REFUSED_S` it only remarks."""
 
     def __init__(self, remark: Callable[[str], None], mount: Wearing = "foot") -> None:
         is_foot = mount == "foot"
@@ -166,7 +154,7 @@ class AxesCheck:
         self._block_s, self._measure = BLOCK_S[mount], measure_axes if is_foot else measure_swing_axes
         self._remark = remark
         self._held = np.empty((0, 7))  # t, acc and gyr of a block that is not complete
-        self._passed_s = 0.0
+        self._passed_s, self._is_settled = 0.0, False
 
     def push(self, rows: Floats) -> None:
         """Check samples (n, 7 or more) that follow; raises `RecordingError` if the first minute shows other axes."""
@@ -182,13 +170,10 @@ class AxesCheck:
             # its strides
             self._passed_s += float(np.ptp(block[:, 0]))
             self.evidence += self._measure(block[:, 0], block[:, 1:4], block[:, 4:7])
-            if self.evidence.against > DECISIVE:
+            against = self.evidence.against
+            enough = MIN_AXES_STRIDES if against < 1.0 else MAX_STRIDES
+            self._is_settled = against > DECISIVE or self.evidence.strides >= enough
+            if against > DECISIVE:
                 if self._passed_s <= REFUSED_S:
                     raise RecordingError(f"{self.evidence.problem}.")
                 self._remark(f"{self.evidence.problem}; the track is not to be used.")
-
-    @property
-    def _is_settled(self) -> bool:
-        found = self.evidence
-        agrees = found.strides >= MIN_AXES_STRIDES and found.against < 1.0
-        return agrees or found.strides >= MAX_STRIDES or found.against > DECISIVE

@@ -83,7 +83,7 @@ def trace_person(right: Solution, left: Solution, cell_t: Floats, apart_cov: Flo
 
 def _carry_on(t: Floats, foot: Solution, other: Solution) -> Floats:
     """Positions (N, 3) m of a foot at `t` (N,) s; unrecorded spans: other foot plus interpolated offset."""
-    place = _interpolate(t, foot.t, foot.position)
+    place = interpolate_columns(t, foot.t, foot.position)
     for begin, end in list_unrecorded(foot.t):
         inside = (t > begin) & (t < end)
         if not inside.any():
@@ -103,14 +103,9 @@ def _carry_on(t: Floats, foot: Solution, other: Solution) -> Floats:
     return place
 
 
-def _interpolate(asked: Floats, t: Floats, values: Floats) -> Floats:
-    """Rows (N, 3) at times (N,), most often those at which they are known."""
-    return values.copy() if np.array_equal(asked, t) else interpolate_columns(asked, t, values)
-
-
 def _follow(t: Floats, foot: Solution, other: Solution) -> Floats:
     """Velocity (N, 3) of a foot, and where it did not record that of the other."""
-    velocity = _interpolate(t, foot.t, foot.velocity)
+    velocity = interpolate_columns(t, foot.t, foot.velocity)
     outside = find_unrecorded(t, foot.t)
     velocity[outside] = interpolate_columns(t[outside], other.t, other.velocity)
     return velocity

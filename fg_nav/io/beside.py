@@ -1,10 +1,7 @@
 """Measurements in files beside a recording: truth, position fixes, satellite fixes, air pressure (docs/formats.md).
 
-A receiver's origin is its first fix whose accuracy is no worse than twice the median.
-
-The stamps of a barometer are in the recording's clock. Their unit, where the name has none, and which of several
-columns of time, are those that make both run at the same time. A reading is put at the row of the recording that is
-nearest in time, and of several at one row the nearest: rows without one are NaN.
+Of several columns of time of a barometer, and of units where the name has none, those count that make it and the
+recording run at the same time.
 """
 
 from __future__ import annotations
@@ -35,10 +32,7 @@ C3D_KEY = b"\x50"  # Second byte of a C3D file.
 
 
 def read_tum(content: Content) -> TrajectoryTruth:
-    """Read TUM lines.
-
-    Raises `FormatError` if a line has not 8 numbers, the stamps do not rise, or a quaternion is not of unit length.
-    """
+    """Read TUM lines."""
     path = content.path
     comments = next((k for k, line in enumerate(content.lines) if not line.startswith("#")), 0)
     fields = content.lines[comments].split() if content.lines else []
@@ -64,10 +58,7 @@ def read_tum(content: Content) -> TrajectoryTruth:
 
 
 def read_c3d(content: Content, marker: str | None = None) -> TrajectoryTruth:
-    """Read the path of a marker of a C3D file (needs ezc3d), from 0 s at its first frame on; z is up.
-
-    Raises `FormatError` if the file is damaged, the library absent, or it is not said which of several markers to take.
-    """
+    """Read the path of a marker of a C3D file (needs ezc3d), from 0 s at its first frame on; z is up."""
     path = content.path
     with explain_library(path.name, "a C3D file", "ezc3d", "c3d"):
         import ezc3d
@@ -85,10 +76,7 @@ def read_c3d(content: Content, marker: str | None = None) -> TrajectoryTruth:
 
 
 def read_footprint_mat(content: Content) -> FootprintTruth:
-    """Footprints from `GCP_meters` (M, 2), `GCP_stride_numbers` (M,) and, where there, `numberOfStrides`.
-
-    Raises `FormatError` if a variable is missing, damaged, or does not fit the other.
-    """
+    """Footprints from `GCP_meters` (M, 2), `GCP_stride_numbers` (M,) and, where there, `numberOfStrides`."""
     path, variables = content.path, content.load_variables()
     xy = mat_array(variables, "GCP_meters", path, columns=2)
     stride = mat_array(variables, "GCP_stride_numbers", path)
@@ -101,10 +89,7 @@ def read_footprint_mat(content: Content) -> FootprintTruth:
 def pack_footprints(
     stride: Floats, xy: Floats, stride_count: int | None, path: Path, t: Floats | None = None
 ) -> FootprintTruth:
-    """Check and pack footprints `xy` (M, 2) m with stride numbers `stride` (M,) and, where known, times `t` (M,) s.
-
-    Raises `FormatError` if a number is not finite, or the strides are not whole, rising numbers.
-    """
+    """Check and pack footprints `xy` (M, 2) m with stride numbers `stride` (M,) and, where known, times `t` (M,) s."""
     if not all(np.isfinite(part).all() for part in (stride, xy, *([] if t is None else [t]))):
         raise FormatError(f"{path.name} has a footprint that is not finite: correct or delete it.")
     whole = (stride >= 0).all() and (stride == np.round(stride)).all() and (stride < 2**31).all()
@@ -209,10 +194,7 @@ def _find_gnss_columns(names: Sequence[str]) -> dict[str, str]:
 
 
 def add_barometer(raw: RawRecording, path: Path) -> RawRecording:
-    """Return the recording with the pressure (Pa) of the file `path`, placed at the nearest of its samples.
-
-    Raises `FormatError` if the file has no time or no pressure of air, or ran at another time.
-    """
+    """Return the recording with the pressure (Pa) of the file `path`, placed at the nearest of its samples."""
     content = read_content(path)
     header = find_header(content, lambda names: find_pressure(names) is not None)
     channel = None if header is None else find_pressure(header.names)

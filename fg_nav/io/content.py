@@ -115,10 +115,7 @@ class Content:
 
 
 def read_content(path: Path) -> Content:
-    """Return the content of a path: lines of a text, head of a binary file, members of a folder or archive.
-
-    Raises `FormatError` if there is nothing to read, or it is empty, damaged where packed, or too large.
-    """
+    """Return the content of a path: lines of a text, head of a binary file, members of a folder or archive."""
     path = path.resolve() if path.name in ("", "..") else path
     if os.path.isdir(path):
         with _explain_file(path):
@@ -149,23 +146,18 @@ def read_content(path: Path) -> Content:
 
 def _open_file(path: Path, opener: Opener | None, has_others: bool = False) -> Content:
     """Content of a text or binary file. A byte that is no UTF-8 (a degree or micro sign, mostly) is Latin-1."""
-    head = _read_bytes(path, opener, _HEAD_BYTES)
-    if head.startswith(_GZIP):
-        packed, opener = Content(path, head=head, opener=opener), partial(_unpack, opener or _open_plain(path))
-        try:
-            head = _read_bytes(path, opener, _HEAD_BYTES)
-        except FormatError:
-            if has_others:  # it may be none that is needed
-                return packed
-            raise
-    content = Content(path, head=head, opener=opener)
-    if head.startswith(_MAT):
-        try:
-            return replace(content, variables=matlab.list_names(content.read_bytes(), path.name))
-        except FormatError:
-            if has_others:
-                return content
-            raise
+    content = Content(path, head=_read_bytes(path, opener, _HEAD_BYTES), opener=opener)
+    try:
+        if content.head.startswith(_GZIP):
+            opener = partial(_unpack, opener or _open_plain(path))
+            content = Content(path, head=_read_bytes(path, opener, _HEAD_BYTES), opener=opener)
+        if content.head.startswith(_MAT):
+            return replace(content, variables=frozenset(content.load_variables()))
+    except FormatError:
+        if has_others:  # it may be none that is needed
+            return content
+        raise
+    head = content.head
     is_utf32 = head.startswith((codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE))  # which is not read
     encoding = "utf-16" if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) and not is_utf32 else "utf-8"
     if encoding == "utf-16":
@@ -305,10 +297,7 @@ def explain_library(
 def choose_sensor(
     names: Sequence[str], asked: str | None, path: Path, what: str = "sensors", before: str = "`--sensor "
 ) -> str:
-    """Return the only name, or the only one that contains `asked`; `before` is the option quoted in an error.
-
-    Raises `FormatError` if there is none, several and none is asked for, or what is asked for is not one of them.
-    """
+    """Return the only name, or the only one that contains `asked`; `before` is the option quoted in an error."""
     if not names:
         raise FormatError(f"{path.name} holds no {what} of this format: export it again.")
     if asked is None:

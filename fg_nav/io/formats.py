@@ -14,6 +14,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
 from fg_nav.columns.headers import read_header
 from fg_nav.columns.mapping import ACC, GYR, MAG, TIME, Columns, find_pressure, parse_columns, shorten_names
 from fg_nav.columns.samples import convert_pressure
@@ -130,6 +132,7 @@ class Reading:
         """Read a recording, as `fg_nav.io.read`."""
         return Recording.from_raw(self.read_raw(path), self.longest_gap_s)
 
+    @np.errstate(over="ignore", invalid="ignore")  # of numbers that a damaged file may hold
     def read_raw(self, path: Path | str) -> RawRecording:
         """Read what a file says, unchecked; raises `FormatError` as `fg_nav.io.read`."""
         format = self.format
@@ -183,10 +186,7 @@ def read_raw(path: Path | str, format: str | None = None, **how: Any) -> RawReco
 
 
 def _find_recording(content: Content, chosen: Format | None) -> tuple[Format, Content]:
-    """Return the format of the recording in `content`, and the part that holds it; a file is of the `chosen` format.
-
-    Raises `FormatError` if there is none, or a folder or archive holds several.
-    """
+    """Return the format of the recording in `content`, and the part that holds it; a file is of the `chosen` format."""
     name, fits = content.path.name, chosen is not None and content.kind in chosen.kinds
     if chosen is not None and fits and not content.members:
         return chosen, content

@@ -74,7 +74,6 @@ class Stream:
         return replace(self, t=self.t[chosen], xyz=self.xyz[chosen], row=self.row[chosen])
 
 
-@np.errstate(over="ignore", invalid="ignore")  # of numbers that a damaged file may hold
 def join_streams(
     streams: Sequence[Stream], path: Path, format: str, notes: Sequence[str] = (), is_part: bool = False
 ) -> RawRecording:
@@ -82,8 +81,6 @@ def join_streams(
 
     `path`, `format`, `notes` and remarks on the processing become the provenance; `is_part` where the sensors are in
     files of their own, and `path` is one of them.
-
-    Raises `FormatError` if accelerometer or gyroscope is absent, twice there or too slow, or if they share no time.
     """
     remarks = list(notes)
     there = [stream.name for stream in streams]

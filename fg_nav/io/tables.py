@@ -1,16 +1,13 @@
 """Tables in files of any kind (docs/formats.md): the names of their columns, and columns as floats at C speed.
 
 Of a text with a known header (`find_header`) a line `sep=;` names the separator, as spreadsheets have it; else it is
-the character of tab, semicolon and comma that is most often in the header, or a blank. Numbers have a decimal comma
-where that separates no fields and commas are more than points among the digits of the next lines.
+the character of tab, semicolon and comma that is most often in the header, or a blank.
 
 Of any other text (`open_table`) the first long run of lines with as many numbers each is the data; separator and
 decimal sign are those by which most of its fields are numbers. What stands right above it with as many fields is the
-header, in one or more rows, which may be a comment; of these a row of units goes into brackets behind the names.
+header, in one or more rows.
 
-Arrays are a column each, or (N, 3) for all axes of one quantity; (N, 6) or (N, 9) whose name has `imu` in it: force,
-rate and field. Lines are counted from 1 as in an editor. Empty fields are NaN; wholly empty lines are left out. What
-does not parse is named by line and column.
+Lines are counted from 1 as in an editor. Empty fields are NaN; wholly empty lines are left out.
 """
 
 from __future__ import annotations
@@ -98,17 +95,11 @@ class TextTable:
         }  # fmt: skip
 
     def read_columns(self, names: Sequence[str]) -> tuple[Floats, Ints]:
-        """Read columns of numbers (N, K) by name and the line (N,) of each row.
-
-        Raises `FormatError` if a column is missing or doubled, or as `read_numbers`.
-        """
+        """Read columns of numbers (N, K) by name and the line (N,) of each row."""
         return self.read_numbers([find_column(name, self.names, self.content.path) for name in names])
 
     def read_numbers(self, positions: Sequence[int]) -> tuple[Floats, Ints]:
-        """Read columns of numbers (N, K) and the line (N,) of each row.
-
-        Raises `FormatError` if a field is no number, a row has too many fields, or there is no row.
-        """
+        """Read columns of numbers (N, K) and the line (N,) of each row."""
         # One column more than the header has: a separator may end each row, and a field too many shows.
         wanted, name = [*positions, len(self.names)], self.content.path.name
         blocks = list[Floats]()
@@ -172,10 +163,7 @@ class TextTable:
         return np.asarray(words.replace({np.nan: None}), dtype=object)
 
     def read(self, positions: Sequence[int]) -> tuple[Floats, Ints]:
-        """Read columns of numbers, dates and times of day (N, K), the latter in s, and the line (N,) of each row.
-
-        Raises `FormatError` as `read_numbers`.
-        """
+        """Read columns of numbers, dates and times of day (N, K), the latter in s, and the line (N,) of each row."""
         # columns most of whose first fields are dates (True), or times of day
         lines = self.content.lines[self.first_line - 1 :][:_JUDGED]
         rows, clocks = [_split_row(line, self.separator) for line in lines], dict[int, bool]()
@@ -232,12 +220,6 @@ def find_column(name: str, header: Sequence[str], path: Path) -> int:
     return list(header).index(name)
 
 
-def scale_values(values: Floats, unit: Floats | float) -> Floats:
-    """Multiply by a unit. A nonsense number may become infinite, and is found as such later."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return np.asarray(values * unit)
-
-
 @dataclass(frozen=True)
 class ArrayTable:
     """Columns (N,) in memory, by name; rows are counted from 1."""
@@ -263,8 +245,7 @@ Table: TypeAlias = TextTable | ArrayTable
 def open_table(content: Content, min_numbers: int = MIN_NUMBERS) -> Table | None:
     """Return the content as a table; None if it is none, or text with fewer than `min_numbers` numbers in a row.
 
-    It is opened once, however often it is asked for. Raises `FormatError` if it is one and damaged, or needs a library
-    that is not installed.
+    It is opened once, however often it is asked for.
     """
     first = content.lines[0].lstrip()[:1] if content.lines else ""
     key = min_numbers if content.lines and first not in ("{", "[") else 0
@@ -495,10 +476,7 @@ def _open_hdf5(content: Content) -> ArrayTable:
 
 
 def open_arrays(arrays: Arrays, source: str) -> ArrayTable:
-    """Open arrays (N,), (N, 3), (N, 6) or (N, 9) by name as a table; those of other lengths and kinds are left out.
-
-    Raises `FormatError` if there is none.
-    """
+    """Open arrays (N,), (N, 3), (N, 6) or (N, 9) by name as a table; those of other lengths and kinds are left out."""
     lengths = [len(array) for array in arrays.values() if array.ndim in (1, 2) and array.size]
     length = max(set(lengths), key=lengths.count) if lengths else 0
     names, columns = list[str](), list[np.ndarray[Any, Any]]()

@@ -40,10 +40,8 @@ residual is linear,
 
     r = dR P y_2 - P y_1 - (dR - I) h',
 
-and h' is solved for each P with robust weights. The loss of each is summed over blocks of the recording; another P than
-the identity is accepted where the loss of the identity is `MIN_RATIO` times as large, and larger by `MIN_SIGMAS` of
-the scatter of that difference over the blocks, each with its own estimate of the delay. Of P and -P the one whose field
-points down where the foot is slow is chosen, as on the northern hemisphere.
+and h' is solved for each P with robust weights. docs/magnetic.md has by which loss another P than the identity is
+accepted (`MIN_RATIO`, `MIN_SIGMAS`), each with its own estimate of the delay, and how P is told from -P.
 """
 
 from __future__ import annotations
@@ -79,25 +77,15 @@ MAX_GAP = 3.0  # Spacings of the readings across which they are interpolated.
 
 @dataclass(frozen=True)
 class TurningPairs:
-    """K pairs of readings while the sensor turns.
+    """K pairs of readings while the sensor turns."""
 
-    Attributes
-    ----------
-    t, gyr : (N,) s and (N, 3) rad/s of the recording.
-    stamps : (K, 2) s, of the two readings.
-    readings : (K, 2, 3) uT.
-    block : (K,) block of the walk that each is in, from 0 on without holes.
-    n_blocks : number of blocks.
-    held : whether the logger repeats readings until there is a new one.
-    """
-
-    t: Floats
-    gyr: Floats
-    stamps: Floats
-    readings: Floats
-    block: Ints
-    n_blocks: int
-    held: bool
+    t: Floats  # (N,) s, of the recording.
+    gyr: Floats  # (N, 3) rad/s.
+    stamps: Floats  # (K, 2) s, of the two readings.
+    readings: Floats  # (K, 2, 3) uT.
+    block: Ints  # (K,) block of the walk that each is in, from 0 on without holes.
+    n_blocks: int  # Number of blocks.
+    held: bool  # Whether the logger repeats readings until there is a new one.
 
     def __len__(self) -> int:
         return len(self.stamps)
@@ -185,14 +173,11 @@ def _rotate(t: Floats, gyr: Floats, between: Floats, first: Ints, rotations: Flo
 
 @dataclass(frozen=True)
 class MagnetometerDelay:
-    """Delay `tau_s` of the magnetometer, negative where it is early, with its `sigma_s`.
-
-    `held` where the logger repeats readings until there is a new one: those between are then interpolated.
-    """
+    """Delay `tau_s` of the magnetometer, negative where it is early, with its `sigma_s`."""
 
     tau_s: float
     sigma_s: float
-    held: bool = False
+    held: bool = False  # Whether the logger repeats readings until there is a new one, and those are interpolated.
 
     @property
     def taken_off(self) -> bool:
@@ -354,15 +339,11 @@ class MagAxes:
 
 @dataclass(frozen=True)
 class AlignedMagnetometer:
-    """A recording with its field in the axes of the gyroscope and at its stamps.
+    """A recording with its field in the axes of the gyroscope and at its stamps."""
 
-    `delay` as estimated, removed if significant; `wrong_axes` those of the magnetometer; None where not observable, or
-    where they are right. With wrong axes that were not given the recording has no magnetometer.
-    """
-
-    recording: Recording
-    delay: MagnetometerDelay | None = None
-    wrong_axes: MagAxes | None = None
+    recording: Recording  # Without a magnetometer where its axes are wrong and were not given.
+    delay: MagnetometerDelay | None = None  # Removed if significant; None where not observable.
+    wrong_axes: MagAxes | None = None  # Of the magnetometer; None where not observable, or where they are right.
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -15,10 +15,6 @@ heading offset         zero  rad   compass minus inertial heading, that one alig
 strength rate          zero  uT/s  slope of |B| within the stance                   (AIEZ (9), QSF)
 ====================== ===== ===== ==========================================================================
 
-Ma's text has the *change* of the heading difference, the equation after Ma (13) the difference itself: the one is
-`heading difference`, the other `heading offset`. AIEZ (9) has the norm of the rate of the field *vector*, which is that
-of any turn of the sensor; the slope of its norm is independent of it.
-
 At footfall k the window holds the last N changes of each channel c (the N + 1 last footfalls; of a *zero*, the N last);
 it ends at the footfall tested, so that a verdict is causal. With x the values, y the changes, all over sigma:
 
@@ -30,8 +26,8 @@ sum of squares  (1/N) sum_c sum_k y_k^2                                         
 squared sums    (1/N) sum_c (sum_k |y_k|)^2                                            Ma (26), absolutes as printed
 =============== ====================================================================== ==========================
 
-The field passes where T < threshold: the likelihood ratio test of Ma (15)-(26) and AIEZ (8), (10)-(18), whose densities
-Ma (16)-(21) and AIEZ (12)-(15) need powers of 1/2 and N/2 in place of those printed; the ratio is the same.
+The field passes where T < threshold: the likelihood ratio test of Ma (15)-(26) and AIEZ (8), (10)-(18), with their
+misprints (docs/equations.md) put right.
 
 Changes of values that scatter independently are correlated by -1/2 from one to the next (MA(1)), so their squares do
 not add up to a chi squared, against Ma (14). The scatter of the values themselves does: T is chi squared with N degrees
@@ -44,8 +40,7 @@ T is then noncentral chi squared with
     lambda = min over channels of (matters / sigma)^2 s,   s = sum_j (j/N - 1/2)^2 = (N + 1)(N + 2) / (12 N);
                                                            of a zero, s = N;
 
-and the threshold its quantile at the false-alarm rate; P_D, the share of static fields that pass, follows. Ma (23)
-for P_FA cannot be computed: the density it integrates depends on the estimate from the same data.
+and the threshold its quantile at the false-alarm rate; P_D, the share of static fields that pass, follows.
 
 Alignment of the heading, for a heading offset. A scalar Kalman filter estimates the difference of inertial heading and
 compass: its first value is the mean of the first `ALIGNMENT_FOOTFALLS`, which are not tested; it is updated at each
@@ -64,9 +59,8 @@ As printed: Ma's sigmas, N = 3 and threshold 170 (28.9 deg a step in the heading
 and Afzal's and iQSF's are not in these papers: Ma's sigmas where they apply, 10 deg and 0.5 uT/s for AIEZ, and the 99 %
 quantile of independent changes, the authors' assumption.
 
-Verdicts. A window holds the last footfalls that have a field, but none that spans more strides than twice its length,
-which would compare places far apart. The first footfalls, with too few before them, are not judged. An estimator with
-better attitudes replaces `nav_R_body` in the footfall field and has it judged again.
+Verdicts. A window spans twice its length of strides at most; the first footfalls, with too few before them, are not
+judged. An estimator with better attitudes replaces `nav_R_body` in the footfall field and has it judged again.
 """
 
 from __future__ import annotations
@@ -121,18 +115,14 @@ SIGNALS: Mapping[str, Signal] = {
 
 @dataclass(frozen=True)
 class Channel:
-    """A signal and what is expected of it.
+    """A signal and what is expected of it, in rad, uT or uT/s.
 
-    Attributes
-    ----------
-    name : of the signal, one of `SIGNALS`.
-    sigma : rad, uT or uT/s; of one footfall's value, or, in a form as printed, of what that form squares. To a strength
-        rate the standard error of each slope is added, as variances add.
-    matters : rad, uT or uT/s, the least change over the window (of a zero: the least lasting value) that a detector is
-        to reject; only needed for a threshold from a false-alarm rate.
+    `sigma` is of one footfall's value, or, in a form as printed, of what that form squares. To a strength rate the
+    standard error of each slope is added, as variances add. `matters` is the least change over the window (of a zero:
+    the least lasting value) that a detector is to reject; only needed for a threshold from a false-alarm rate.
     """
 
-    name: str
+    name: str  # Of the signal, one of `SIGNALS`.
     sigma: float
     matters: float = float("nan")
 
@@ -163,22 +153,15 @@ class Channel:
 class Detector:
     """A detector of the quasi-static field.
 
-    Attributes
-    ----------
-    name : for people and for `DETECTORS`.
-    channels : at least one.
-    form : how they become one statistic.
-    window : N, changes from footfall to footfall that are tested; for zeros alone, footfalls.
-    fixed_threshold : of the statistic, or None for that of the false-alarm rate.
-    counts_drift : of a heading offset: test against S = P + sigma^2 (a Kalman filter's innovation); False for sigma^2
-        alone, AIEZ (17) as printed, which rejects for ever once the drift exceeds sqrt(threshold) sigma.
+    `counts_drift`: of a heading offset: test against S = P + sigma^2 (a Kalman filter's innovation); False for sigma^2
+    alone, AIEZ (17) as printed, which rejects for ever once the drift exceeds sqrt(threshold) sigma.
     """
 
-    name: str
-    channels: tuple[Channel, ...]
-    form: Form = "chi squared"
-    window: int = 3
-    fixed_threshold: float | None = None
+    name: str  # For people and for `DETECTORS`.
+    channels: tuple[Channel, ...]  # At least one.
+    form: Form = "chi squared"  # How they become one statistic.
+    window: int = 3  # N, changes from footfall to footfall that are tested; for zeros alone, footfalls.
+    fixed_threshold: float | None = None  # Of the statistic, or None for that of the false-alarm rate.
     counts_drift: bool = True
 
     def __post_init__(self) -> None:
@@ -389,20 +372,12 @@ class OverThreshold:
 
 @dataclass(frozen=True)
 class FieldVerdicts(OverThreshold):
-    """Verdicts on the field, one a footfall.
+    """Verdicts on the field, one a footfall."""
 
-    Attributes
-    ----------
-    detector : its name.
-    statistic : (F,) of the detector, over its threshold.
-    threshold : of the statistic, in the detector's own units.
-    reason : (F,) of the verdict, in words.
-    """
-
-    detector: str
-    statistic: Floats
-    threshold: float
-    reason: tuple[str, ...]
+    detector: str  # Its name.
+    statistic: Floats  # (F,) of the detector, over its threshold.
+    threshold: float  # Of the statistic, in the detector's own units.
+    reason: tuple[str, ...]  # (F,) of the verdict, in words.
 
     def __len__(self) -> int:
         return len(self.statistic)
@@ -481,17 +456,11 @@ def count_needed(gate: str) -> int | None:
 
 
 def judge_field(field: FootfallField, detector: Detector | str = DEFAULT) -> FieldVerdicts:
-    """Judge the field at each footfall by it and those before it.
+    """Judge the field at F footfalls, in order of time, each by it and those before it.
 
     One footfall after the other, the latest (`count_needed`) are enough; with a heading offset, whose alignment depends
-    on earlier verdicts, all of them are needed.
-
-    Parameters
-    ----------
-    field : at F footfalls, in order of time.
-    detector : or its name in `DETECTORS`.
-
-    Raises `MagneticError` for a name that is none, or a detector without a threshold.
+    on earlier verdicts, all of them are needed. Raises `MagneticError` for a
+    name that is none, or a detector without a threshold.
     """
     chosen = find_detector(detector) if isinstance(detector, str) else detector
     threshold = chosen.threshold

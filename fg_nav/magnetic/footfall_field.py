@@ -11,18 +11,8 @@ The attitude is given, or that of the gyroscope, levelled in the stances: tilt g
 
 A live estimator gives its attitude of the time instead.
 
-Magnetic heading, inclination and strength of a field in the body frame, in the frames of this project:
-
-=================== ===== ===================================================================================
-body_field          uT    flux density in the body frame
-body_up             -     direction of up in the body frame: the specific force of a sensor at rest
-level_field         uT    the same field in levelled axes: x along the body's x axis over the ground, y to its
-                          left, z up (the sensor laid level without being turned)
-heading             rad   of the body's x axis, clockwise from magnetic north
-inclination         rad   of the field below the horizon, positive on the northern hemisphere
-declination         rad   of magnetic north, clockwise from true north: true heading = magnetic heading + declination
-=================== ===== ===================================================================================
-
+Magnetic heading and inclination are of the field in levelled axes, `level_field`: x along the body's x axis over the
+ground, y to its left, z up (the sensor laid level without being turned).
 With H the horizontal strength and psi the heading, north lies psi to the left of x:
 
     level_field = (H cos psi, H sin psi, -H tan I),    psi = atan2(y, x),    I = atan2(-z, H).
@@ -87,32 +77,18 @@ MIN_SAMPLES = 2  # Of the field at a footfall: scatter and drift need two.
 
 @dataclass(frozen=True)
 class FootfallField:
-    """The field at F footfalls, at the stillest sample of each.
+    """The field at F footfalls, at the stillest sample of each."""
 
-    =================== ========= ================================================================================
-    sample              (F,)      index into the recording
-    t                   (F,)      s
-    body_field          (F, 3)    uT, mean over the stance in the body frame of `sample`; NaN where there was no field
-    body_force          (F, 3)    m/s^2, mean specific force there: up by the accelerometer alone
-    nav_R_body          (F, 3, 3) inertial attitude at `sample`; tilt good to a degree, heading drifting
-    count               (F,)      samples of the field that were averaged
-    scatter_uT          (F,)      their standard deviation about the mean, per axis
-    strength_rate       (F,)      uT/s, slope of the strength within the stance: a straight line through them
-    strength_rate_sigma (F,)      uT/s, its standard error by the scatter about that line
-    iron_sigma_uT       (F, 3)    uT, standard deviation of the iron that is left in `body_field`, body axes
-    =================== ========= ================================================================================
-    """
-
-    sample: Ints
-    t: Floats
-    body_field: Floats
-    body_force: Floats
-    nav_R_body: Floats
-    count: Ints
-    scatter_uT: Floats
-    strength_rate: Floats
-    strength_rate_sigma: Floats
-    iron_sigma_uT: Floats
+    sample: Ints  # (F,) index into the recording.
+    t: Floats  # (F,) s.
+    body_field: Floats  # (F, 3) uT, mean over the stance in the body frame of `sample`; NaN where there was no field.
+    body_force: Floats  # (F, 3) m/s^2, mean specific force there: up by the accelerometer alone.
+    nav_R_body: Floats  # (F, 3, 3) inertial attitude at `sample`; tilt good to a degree, heading drifting.
+    count: Ints  # (F,) samples of the field that were averaged.
+    scatter_uT: Floats  # (F,) their standard deviation about the mean, per axis.
+    strength_rate: Floats  # (F,) uT/s, slope of the strength within the stance: a straight line through them.
+    strength_rate_sigma: Floats  # (F,) uT/s, its standard error by the scatter about that line.
+    iron_sigma_uT: Floats  # (F, 3) uT, standard deviation of the iron that is left in `body_field`, body axes.
 
     def __len__(self) -> int:
         return len(self.sample)
@@ -186,14 +162,10 @@ def average_footfall_field(
     heading: float = 0.0,
     nav_R_body: Floats | None = None,
 ) -> FootfallField:
-    """Average the field over each footfall.
+    """Average the field over each footfall, magnetometer calibrated or not.
 
-    Parameters
-    ----------
-    recording : with a magnetometer, calibrated or not.
-    stances : of that recording.
-    heading : rad clockwise from north, of the body's x axis at the start.
-    nav_R_body : (N, 3, 3), the attitude to use; None for that of the gyroscope and the stances.
+    Attitudes `nav_R_body` (N, 3, 3) are by gyroscope and stances if None, and then start with `heading`, rad clockwise
+    from north, of the body's x axis.
 
     Raises `MagneticError` without a magnetometer, or if no footfall has a sample of the field; `EstimationError`
     without a stance, or with stances of another recording.

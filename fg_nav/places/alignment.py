@@ -60,14 +60,11 @@ USUAL_DECAY, DECAY_WEIGHT = 0.75, 10.0  # lambda0 and m0: 0.7 to 0.95 on simulat
 
 @dataclass(frozen=True)
 class Alignments:
-    """A local alignment a row: `score` (A,) nats, `begin` and `end` (A, 2), first and last points (i, j) of it.
+    """A local alignment a row."""
 
-    j is a point of the second sequence.
-    """
-
-    score: Floats
-    begin: Ints
-    end: Ints
+    score: Floats  # (A,) nats.
+    begin: Ints  # (A, 2), first points (i, j) of it; j is a point of the second sequence.
+    end: Ints  # (A, 2), last ones.
 
     def __len__(self) -> int:
         return len(self.score)

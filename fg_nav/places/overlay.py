@@ -80,7 +80,10 @@ def overlay_known(path: Signature, known: Signature) -> Recognition:
     field = remove_common_field(known.field, known.heading) * known.seen[:, None]
     limit = MAX_SIGMAS * MAD_TO_SIGMA * np.median(np.abs(field), axis=0)
     field = np.clip(field, -limit, limit)
-    old = _Known(field, limit, _covariance(field, size))
+    spectrum = np.fft.rfft(field, 2 * len(field), axis=0)
+    lagged = np.fft.irfft(np.conj(spectrum)[:, :, None] * spectrum[:, None, :], 2 * len(field), axis=0) / len(field)
+    covariance = lagged[np.arange(size) - np.arange(size)[:, None]].transpose(0, 2, 1, 3)
+    old = _Known(field, limit, covariance.reshape(3 * size, 3 * size))
     # pieces, which cover the path
     n_pieces = 1 + round((len(path) - size) / HOP)
     begins = [round(k) for k in np.linspace(0, len(path) - size, n_pieces).tolist()]
@@ -101,15 +104,6 @@ def overlay_known(path: Signature, known: Signature) -> Recognition:
             found.append(Stretch(later, earlier[::-1] if way else earlier, bool(way), score, expected))
             left[way, max(j - BESIDE, 0) : j + BESIDE + 1] = -np.inf
     return Recognition(tuple(sorted(found, key=lambda one: -one.score)), chance)
-
-
-def _covariance(field: Floats, size: int) -> Floats:
-    """Covariance (3 n, 3 n) of n points of a field (K, 3) without mean that is alike everywhere."""
-    spectrum = np.fft.rfft(field, 2 * len(field), axis=0)
-    power = np.conj(spectrum)[:, :, None] * spectrum[:, None, :]
-    lagged = np.fft.irfft(power, 2 * len(field), axis=0) / len(field)
-    points = np.arange(size)
-    return np.asarray(lagged[points - points[:, None]].transpose(0, 2, 1, 3).reshape(3 * size, 3 * size))
 
 
 def _describe(path: Signature, begin: int, known: _Known) -> _Piece:

@@ -70,18 +70,11 @@ MAX_GIVEN_SIGMA = np.radians(45.0)  # A heading known worse is first sought in a
 
 @dataclass(frozen=True)
 class StepLength:
-    """The length of a step as a function of its opening.
+    """The length of a step as a function of its opening."""
 
-    Attributes
-    ----------
-    constant_m : c.
-    sigma : relative, one standard deviation, of all lengths alike.
-    source : of the constant, in words.
-    """
-
-    constant_m: float = DEFAULT_CONSTANT_M
-    sigma: float = DEFAULT_SIGMA
-    source: str = "default"
+    constant_m: float = DEFAULT_CONSTANT_M  # C.
+    sigma: float = DEFAULT_SIGMA  # Relative, one standard deviation, of all lengths alike.
+    source: str = "default"  # Of the constant, in words.
 
     def __post_init__(self) -> None:
         low, high = PLAUSIBLE_M
@@ -132,22 +125,13 @@ def use_step_constant(constant_m: float) -> StepLength:
 
 @dataclass(frozen=True)
 class SteppedPath:
-    """The path of the steps.
+    """The path of the steps."""
 
-    Attributes
-    ----------
-    sample : (P,) at the start of the walk, and at both ends of each step.
-    position : (P, 3) m, relative to the first.
-    covariance : (P, 3, 3) m^2.
-    length : (S,) m of each step.
-    heading : (S,) rad clockwise from north, of each step.
-    """
-
-    sample: Ints
-    position: Floats
-    covariance: Floats
-    length: Floats
-    heading: Floats
+    sample: Ints  # (P,) at the start of the walk, and at both ends of each step.
+    position: Floats  # (P, 3) m, relative to the first.
+    covariance: Floats  # (P, 3, 3) m^2.
+    length: Floats  # (S,) m of each step.
+    heading: Floats  # (S,) rad clockwise from north, of each step.
 
 
 def reckon_path(track: PocketTrack, swing: ThighSwing, steps: Steps, step_length: StepLength) -> SteppedPath:
@@ -233,23 +217,14 @@ def _outer(vectors: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class FusedPath:
-    """Path of steps and fixes.
+    """Path of steps and fixes."""
 
-    Attributes
-    ----------
-    t : (S + 1,) s, the first step's begin and the end of each.
-    position : (S + 1, 2) m east and north, in the frame of the fixes.
-    turn, log_scale : (S + 1,) psi in rad clockwise, and s.
-    covariance : (S + 1, 4, 4) of position, psi and s.
-    weights : (K,) of the fixes, 1 for one without a residual.
-    """
-
-    t: Floats
-    position: Floats
-    turn: Floats
-    log_scale: Floats
-    covariance: Floats
-    weights: Floats
+    t: Floats  # (S + 1,) s, the first step's begin and the end of each.
+    position: Floats  # (S + 1, 2) m east and north, in the frame of the fixes.
+    turn: Floats  # (S + 1,) psi, rad clockwise.
+    log_scale: Floats  # (S + 1,) s.
+    covariance: Floats  # (S + 1, 4, 4) of position, psi and s.
+    weights: Floats  # (K,) of the fixes, 1 for one without a residual.
 
 
 def fuse_fixes(t: Floats, steps: Floats, fixes: Sequence[Fix], heading_sigma: float, scale_sigma: float) -> FusedPath:

@@ -11,9 +11,7 @@ The heading itself is never observed: turned about up, all results are the same.
 its stamp to the next one; a field is that of its stamp.
 
 Specific force of the gravity update (`average_force`)
-    MD uses a sample while its strength is gravity's; a walking thigh has as much across then, to the same side in each
-    stride. But over a stride the hip's velocity comes back to itself, and the mean specific force in one frame is
-    gravity: weighted by a raised cosine over two seconds, to 0.1 to 0.25 m/s^2 an axis on two real thighs.
+    The mean over two seconds in one frame, by a raised cosine (docs/pocket.md): to 0.1 to 0.25 m/s^2 an axis.
 
         sum over the window of  w_j G_k^T G_j f_j,     G the attitude by the gyroscope alone, from any start
 
@@ -74,11 +72,8 @@ Along m' H is zero, for no rotation changes a strength; and N is 2 s_m^2 + q |m'
 u, v and m' / |m'| a right-handed set, |m'| v^T S and -|m'| u^T S about u and v. The noise of each field enters two
 differences, once with either sign; the filter takes them as independent, as MD does.
 
-Four equations do not work as they are printed (`fg_nav.lab.reproduce.munoz_diaz2017.as_printed`). MD prints no prior,
-no figures of the bias model and the accelerometer, and no threshold: each value chosen here gives its reason.
-
-Reference: Munoz Diaz, de Ponte Mueller, Garcia Dominguez (2017), "Use of the Magnetic Field for Improving Gyroscopes'
-Biases Estimation", Sensors 17(4) 832.
+Misprints: docs/pocket.md. Munoz Diaz, de Ponte Mueller, Garcia Dominguez (2017), "Use of the Magnetic Field for
+Improving Gyroscopes' Biases Estimation", Sensors 17(4) 832.
 """
 
 from __future__ import annotations
@@ -134,32 +129,25 @@ def compute_earth_rate(latitude_deg: float | None) -> Floats:
 class PocketParameters:
     """Of the filter of Munoz Diaz et al. (2017).
 
-    Attributes
-    ----------
-    gyro_bias_sigma_deg_s : prior sigma of the bias. Not printed. It alone sets how soon the z bias is found, as its
-        inverse square; with this one the simulated street has the minutes of MD Figure 9. A MEMS has 0.1 to 0.5.
-    bias_returns_to_zero : MD (10) as printed, b <- c b with c = exp(-h / t_B); otherwise a random walk, c = 1.
-    latitude_deg : north, to remove the Earth's rate, MD (26), (27); None as in MD's filter, which does not.
-    gravity_window_s : the specific force is a weighted mean over two strides, used once every half window
-        (`average_force`); 0 as in MD, the sample's own, which does not hold the tilt in the simulated pocket.
-    acc_sigma_m_s2 : motion left in a specific force that looks like gravity alone, an axis: 0.1 to 0.25, and 0.03 of
-        accelerometer. MD uses the accelerometer's noise without its value.
-    gravity_update, field_update : whether the updates are used, the latter where there is a magnetometer.
-    mag_sigma_uT : white error of the magnetometer, an axis and sample (MD Table 2).
-    field_gated : whether the field's needs a field that holds still; MD leaves it on in homogeneous fields.
-    shortest_difference_s : between fields that are compared; 0 as in MD, from each sample to the next. The noise of a
-        difference does not grow with the time over which the bias turns it: 0.25 s finds z in 1.5 min, not 13.
+    `gyro_bias_sigma_deg_s` is not printed. It alone sets how soon the z bias is found, as its inverse square; with this
+    one the simulated street has the minutes of MD Figure 9. A MEMS has 0.1 to 0.5.
+    `gravity_window_s`: the specific force is a weighted mean over two strides, used once every half window
+    (`average_force`); 0 as in MD, the sample's own, which does not hold the tilt in the simulated pocket.
+    `acc_sigma_m_s2`: motion left in a specific force that looks like gravity alone, an axis: 0.1 to 0.25, and 0.03 of
+    accelerometer. MD uses the accelerometer's noise without its value.
+    `shortest_difference_s`: between fields that are compared; 0 as in MD, from each sample to the next. The noise of a
+    difference does not grow with the time over which the bias turns it: 0.25 s finds z in 1.5 min, not 13.
     """
 
-    gyro_bias_sigma_deg_s: float = 0.035
-    bias_returns_to_zero: bool = False
-    latitude_deg: float | None = None
+    gyro_bias_sigma_deg_s: float = 0.035  # Prior sigma of the bias.
+    bias_returns_to_zero: bool = False  # MD (10) as printed, b <- c b, c = exp(-h / t_B); else a random walk, c = 1.
+    latitude_deg: float | None = None  # North, to remove the Earth's rate, MD (26), (27); None as in MD's filter.
     gravity_window_s: float = 2.0
     acc_sigma_m_s2: float = 0.3
     gravity_update: bool = True
-    mag_sigma_uT: float = 0.015
-    field_update: bool = True
-    field_gated: bool = True
+    mag_sigma_uT: float = 0.015  # White error of the magnetometer, an axis and sample (MD Table 2).
+    field_update: bool = True  # Where there is a magnetometer.
+    field_gated: bool = True  # Only where the field holds still; MD uses it everywhere in homogeneous fields.
     shortest_difference_s: float = 0.0
 
     def __post_init__(self) -> None:
@@ -182,30 +170,23 @@ class PocketState(NamedTuple):
 
 
 class FieldReference(NamedTuple):
-    """The last field that was measured, propagated to now, changed in place.
+    """The last field that was measured, propagated to now, changed in place."""
 
-    `field` (3,) uT; `turn` (3, 3), A, from the body now to the body then; `per_bias` (3, 3) s, S: with a bias higher by
-    db, A is A Exp(S db); `age` (1,) s, NaN where no field was measured yet.
-    """
-
-    field: Floats
-    turn: Floats
-    per_bias: Floats
-    age: Floats
+    field: Floats  # (3,) uT.
+    turn: Floats  # (3, 3), A, from the body now to the body then.
+    per_bias: Floats  # (3, 3) s, S: with a bias higher by db, A is A Exp(S db).
+    age: Floats  # (1,) s; NaN where no field was measured yet.
 
 
 class FilterModel(NamedTuple):
-    """The parameters in SI units, variances in place of sigmas; `earth_rate` (3,) rad/s in nav.
-
-    `gravity_age_s` is half the window over which the specific force is averaged.
-    """
+    """The parameters in SI units, variances in place of sigmas."""
 
     gyr_density: float
     bias_density: float
     bias_decay_per_s: float
-    earth_rate: Floats
+    earth_rate: Floats  # (3,) rad/s in nav.
     acc_variance: float
-    gravity_age_s: float
+    gravity_age_s: float  # Half the window over which the specific force is averaged.
     mag_variance: float
     shortest_s: float
     longest_s: float
@@ -381,18 +362,15 @@ def inject_error(state: PocketState, reference: FieldReference, x: Floats) -> No
 
 
 class FilterInputs(NamedTuple):
-    """Samples for the compiled pass: periods `h` (N,) s, `rate`, `force`, `field` (N, 3), and when to use the latter.
+    """Samples for the compiled pass, and when to use them."""
 
-    `gravity`, `fresh` and `steady` (N,): whether the force is gravity alone, there is a field, and it holds still.
-    """
-
-    h: Floats
-    rate: Floats
-    force: Floats
-    field: Floats
-    gravity: Bools
-    fresh: Bools
-    steady: Bools
+    h: Floats  # (N,) s, periods.
+    rate: Floats  # (N, 3).
+    force: Floats  # (N, 3).
+    field: Floats  # (N, 3).
+    gravity: Bools  # (N,) whether the force is gravity alone,
+    fresh: Bools  # there is a field,
+    steady: Bools  # and it holds still.
 
 
 def estimate_pocket(

@@ -113,23 +113,16 @@ SWING_FREEDOM = 5.0  # Degrees of freedom of its t-distribution.
 class PocketSmootherParameters:
     """Of `smooth_pocket` and `OnlinePocket`: errors of the sensors, which differ from one to the next.
 
-    Attributes
-    ----------
-    gyro_bias_sigma_deg_s : prior sigma of the bias: a MEMS sensor's is 0.1 to 0.5.
-    gyr_scale_sigma : of scale and misalignment, a fraction of the rate: a sensor calibrated by its maker, 0.1 deg of
-        axes. Assumed; chosen with the BROAD trials in view (docs/pocket.md). 0.01 for a bare chip.
-    bias_returns_to_zero : AR(1) as in MD (10); otherwise a random walk of the same steps.
-    latitude_deg : north, to remove the Earth's rate; None to leave it.
-    mag_sigma_uT : white error of the magnetometer, an axis and sample: a MEMS one's at 100 Hz.
-    mag_left_uT : error left by its calibration, an axis: 1 % of the field, different at each attitude.
+    `gyr_scale_sigma`: of scale and misalignment, a fraction of the rate: a sensor calibrated by its maker, 0.1 deg of
+    axes. Assumed; chosen with the BROAD trials in view (docs/pocket.md). 0.01 for a bare chip.
     """
 
-    gyro_bias_sigma_deg_s: float = 0.3
+    gyro_bias_sigma_deg_s: float = 0.3  # Prior sigma of the bias: a MEMS sensor's is 0.1 to 0.5.
     gyr_scale_sigma: float = 0.002
-    bias_returns_to_zero: bool = False
-    latitude_deg: float | None = None
-    mag_sigma_uT: float = 0.5
-    mag_left_uT: float = 0.5
+    bias_returns_to_zero: bool = False  # AR(1) as in MD (10); otherwise a random walk of the same steps.
+    latitude_deg: float | None = None  # North, to remove the Earth's rate; None to leave it.
+    mag_sigma_uT: float = 0.5  # White error of the magnetometer, an axis and sample: a MEMS one's at 100 Hz.
+    mag_left_uT: float = 0.5  # Error left by its calibration, an axis: 1 % of the field, different at each attitude.
 
 
 def smooth_pocket(
@@ -352,16 +345,11 @@ def _weigh(least: Floats, square: Floats, freedom: float, axes: int) -> Floats:
 
 
 class FixedLagSmoother:
-    """Nodes of the last `LAG_S`, and the prior that older ones leave of the first of them.
+    """Nodes of the last `LAG_S`, and the prior that older ones leave of the first of them."""
 
-    Attributes
-    ----------
-    nodes, smoothed, variances : of the last round; the variances are those for the next one.
-    """
-
-    nodes: Nodes
-    smoothed: Smoothed
-    variances: RobustVariances
+    nodes: Nodes  # Of the last round.
+    smoothed: Smoothed  # Of the last round.
+    variances: RobustVariances  # For the next round.
 
     def __init__(self, prior: Prior, links: Links, parameters: PocketSmootherParameters) -> None:
         self._mag_sigma_uT = parameters.mag_sigma_uT

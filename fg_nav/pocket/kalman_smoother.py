@@ -74,30 +74,23 @@ REST_SIGMA_DEG_S = 0.03  # Error of such a mean as an observation of the bias, d
 
 
 class Links(NamedTuple):
-    """K links, one after the other; frames and symbols as above.
+    """K links, one after the other; frames and symbols as above."""
 
-    `start_s` (K,) and `h` (K,) s; `turn` (K, 3, 3) and `per_sensor` (K, 3, 12), dR and J; `delta_v` (K, 3) m/s and
-    `delta_p` (K, 3) m, and their derivatives by the errors, `delta_v_per_sensor` and `delta_p_per_sensor` (K, 3, 12);
-    `n_fields` (K,); `field` (K, 3) uT and `lever` (K, 3, 12), the means z and K, zero where there is none;
-    `strength` (K,) uT, mean |y|, NaN where there is none; `rate` (K, 3) rad/s, the mean as measured, and `rate_spread`
-    (K,) rad/s and `force_spread` (K,) m/s^2, roots of the summed variances of three axes.
-    """
-
-    start_s: Floats
-    h: Floats
-    turn: Floats
-    per_sensor: Floats
-    delta_v: Floats
-    delta_v_per_sensor: Floats
-    delta_p: Floats
-    delta_p_per_sensor: Floats
-    n_fields: Floats
-    field: Floats
-    lever: Floats
-    strength: Floats
-    rate: Floats
-    rate_spread: Floats
-    force_spread: Floats
+    start_s: Floats  # (K,).
+    h: Floats  # (K,) s.
+    turn: Floats  # (K, 3, 3) dR.
+    per_sensor: Floats  # (K, 3, 12) J.
+    delta_v: Floats  # (K, 3) m/s.
+    delta_v_per_sensor: Floats  # (K, 3, 12) its derivative by the errors.
+    delta_p: Floats  # (K, 3) m.
+    delta_p_per_sensor: Floats  # (K, 3, 12) likewise.
+    n_fields: Floats  # (K,).
+    field: Floats  # (K, 3) uT, the mean z; zero where there is none.
+    lever: Floats  # (K, 3, 12) the mean K; zero where there is none.
+    strength: Floats  # (K,) uT, mean |y|; NaN where there is none.
+    rate: Floats  # (K, 3) rad/s, the mean as measured.
+    rate_spread: Floats  # (K,) rad/s, root of the summed variances of three axes.
+    force_spread: Floats  # (K,) m/s^2, likewise.
 
     def slice(self, first: int, last: int | None = None) -> Links:
         """Return those from number `first` to before `last`."""
@@ -122,13 +115,9 @@ def place_nodes(t: Floats, node_s: float = NODE_S) -> Ints:
 
 
 def preintegrate_links(node: Ints, t: Floats, acc: Floats, gyr: Floats, mag: Floats | None) -> Links:
-    """Preintegrate rate, force and field between nodes to K links.
+    """Preintegrate rate, force and field, each held until the next stamp, between samples `node` (K + 1,) to K links.
 
-    Parameters
-    ----------
-    node : (K + 1,) samples at which the nodes are; a sample belongs to the link that begins at or before it.
-    t, acc, gyr : stamps (N,) s, specific forces and rates (N, 3), each held until the next stamp.
-    mag : (N, 3) uT, NaN or all zeros where there is none; None without a magnetometer.
+    A sample belongs to the link that begins at or before it; `mag` (N, 3) uT is NaN or all zeros where there is none.
     """
     one, three, per_sensor = (), (3,), (3, SENSOR)
     shapes = (
@@ -256,49 +245,38 @@ class Nodes(NamedTuple):
 
 
 class RobustVariances(NamedTuple):
-    """Variances of the t-distributed terms, over K links and at K + 1 nodes.
+    """Variances of the t-distributed terms, over K links and at K + 1 nodes."""
 
-    Of steps (K,) and of deviations from the region's (K + 1,) of the field, uT^2; of steps of the body's velocity (K,),
-    (m/s)^2; and of swings (K + 1,), m^2.
-    """
-
-    step: Floats
-    deviation: Floats
-    pace: Floats
-    swing: Floats
+    step: Floats  # (K,) uT^2, of the field.
+    deviation: Floats  # (K + 1,) uT^2, of the field from the region's.
+    pace: Floats  # (K,) (m/s)^2, of steps of the body's velocity.
+    swing: Floats  # (K + 1,) m^2.
 
 
 class Noise(NamedTuple):
-    """Noises in SI units as variances per second, but `mag` and `mag_left`, uT^2 a sample and a node.
-
-    `earth_rate` (3,) rad/s in nav; `rest_velocity` (m/s)^2, and `pace_decay` 1/s of u.
-    """
+    """Noises in SI units as variances per second, but where a unit is named."""
 
     gyr: float
     bias: float
-    bias_decay: float
-    mag: float
-    mag_left: float
+    bias_decay: float  # 1/s.
+    mag: float  # uT^2 a sample.
+    mag_left: float  # uT^2 a node.
     acc: float
-    rest_velocity: float
-    pace_decay: float
-    earth_rate: Floats
+    rest_velocity: float  # (m/s)^2.
+    pace_decay: float  # 1/s, of u.
+    earth_rate: Floats  # (3,) rad/s in nav.
 
 
 class Smoothed(NamedTuple):
-    """Of each node: x (N, 27) and its covariance `P` (N, 27, 27), given all; predicted from the nodes before, `ahead`.
+    """Of each node, given all; `ahead` predicted from the nodes before."""
 
-    `square`: expected squares of the terms, of all their axes, as in `RobustVariances`. `swing_nis`, `field_nis` (N,):
-    normalized innovations squared, of two and three.
-    """
-
-    x: Floats
-    P: Floats
+    x: Floats  # (N, 27).
+    P: Floats  # (N, 27, 27).
     x_ahead: Floats
     P_ahead: Floats
-    square: RobustVariances
-    swing_nis: Floats
-    field_nis: Floats
+    square: RobustVariances  # Expected squares of the terms, of all their axes.
+    swing_nis: Floats  # (N,) normalized innovations squared, of two each.
+    field_nis: Floats  # (N,), of three each.
 
 
 @njit(cache=True)

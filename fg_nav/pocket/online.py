@@ -72,9 +72,8 @@ STANDING_S = 2.0  # Of a leg that stands so much is kept, s.
 
 @dataclass(frozen=True)
 class PocketEstimate:
-    """At the stamp `t` s: `nav_R_body` (3, 3), `gyro_bias` (3,) rad/s, and `covariance` (6, 6) as in `PocketTrack`."""
+    """`nav_R_body` (3, 3), `gyro_bias` (3,) rad/s, and `covariance` (6, 6) as in `PocketTrack`."""
 
-    t: float
     nav_R_body: Floats
     gyro_bias: Floats
     covariance: Floats
@@ -95,16 +94,12 @@ class StrideEnd(NamedTuple):
 
 
 class StepsSoFar(NamedTuple):
-    """Steps in order, by samples of the walk.
-
-    `attitude` (S, 2, 3) mean of the level rows of nav_R_body over the stride about the step; `heading_sigma` (S,) rad
-    of the track then; `lost_m2` (S,) variance of what was walked unseen before it, m^2.
-    """
+    """Steps in order, by samples of the walk."""
 
     steps: Steps
-    attitude: Floats
-    heading_sigma: Floats
-    lost_m2: Floats
+    attitude: Floats  # (S, 2, 3) mean of the level rows of nav_R_body over the stride about the step.
+    heading_sigma: Floats  # (S,) rad, of the track then.
+    lost_m2: Floats  # (S,) m^2, variance of what was walked unseen before it.
 
 
 class _Moments(NamedTuple):
@@ -141,7 +136,7 @@ class OnlinePocket:
     ) -> None:
         self._start, self._period_s, self._p, self.notes = start, period_s, parameters, notes
         # orientation
-        self.latest = PocketEstimate(-np.inf, start.nav_R_body, np.zeros(3), np.zeros((6, 6)))
+        self.latest = PocketEstimate(start.nav_R_body, np.zeros(3), np.zeros((6, 6)))
         self.nis: list[tuple[float, float, float]] = []
         self._attitudes: list[Floats] = []  # of all samples, block by block,
         self._known: list[tuple[int, PocketEstimate]] = []  # and the estimate known at the next so many of them
@@ -183,7 +178,7 @@ class OnlinePocket:
         self._rows = np.concatenate([self._rows, rows])
         self._make_nodes()
         known = self._propagate_last()
-        self.latest = PocketEstimate(float(rows[-1, 0]), known.R, known.y[:3], known.P[:6, :6])
+        self.latest = PocketEstimate(known.R, known.y[:3], known.P[:6, :6])
         attitude[-1] = self.latest.nav_R_body
         before = replace(self.latest, gyro_bias=last.gyro_bias) if is_new else last
         self._attitudes.append(attitude)

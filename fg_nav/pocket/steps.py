@@ -134,23 +134,14 @@ class SwingSums:
 
 @dataclass(frozen=True)
 class ThighSwing:
-    """The thigh's swing.
+    """The thigh's swing."""
 
-    Attributes
-    ----------
-    left, up : (3,) unit vectors in the body, level to the left and up in the mean.
-    up_now : (N, 3) direction of up in the body, slow.
-    flexion : (N,) rad, positive with the knee ahead, slow.
-    forward_evidence : of front against back, by the skewness of the rate of flexion and the sway; known from 1 on.
-    slipped_deg : by how much the axis of one half of the swinging is turned about up from that of the other.
-    """
-
-    left: Floats
-    up: Floats
-    up_now: Floats
-    flexion: Floats
-    forward_evidence: float
-    slipped_deg: float
+    left: Floats  # (3,) unit vector in the body, level to the left.
+    up: Floats  # (3,) unit vector in the body, up in the mean.
+    up_now: Floats  # (N, 3) direction of up in the body, slow.
+    flexion: Floats  # (N,) rad, positive with the knee ahead, slow.
+    forward_evidence: float  # Of front against back, by the skew of flexion's rate and the sway; known from 1 on.
+    slipped_deg: float  # By how much the axis of one half of the swinging is turned about up from that of the other.
 
     @property
     def is_forward_known(self) -> bool:
@@ -274,24 +265,14 @@ def _unit(vector: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Steps:
-    """Steps of a walk, in order.
+    """S steps of a walk, in order."""
 
-    ========= ==== ================================================================================
-    start     (S,) sample at which the step begins
-    stop      (S,) sample at which it ends; the next one begins there or, after a pause, later
-    opening   (S,) rad; NaN where the sensor does not swing
-    took      (S,) s, half of the stride about it
-    forward   (S,) True where the leg that wears the sensor swings
-    bout      (S,) number of the walk without a pause that it belongs to, from 0
-    ========= ==== ================================================================================
-    """
-
-    start: Ints
-    stop: Ints
-    opening: Floats
-    took: Floats
-    forward: Bools
-    bout: Ints
+    start: Ints  # (S,) sample at which the step begins.
+    stop: Ints  # (S,) sample at which it ends; the next one begins there or, after a pause, later.
+    opening: Floats  # (S,) rad; NaN where the sensor does not swing.
+    took: Floats  # (S,) s, half of the stride about it.
+    forward: Bools  # (S,) True where the leg that wears the sensor swings.
+    bout: Ints  # (S,) number of the walk without a pause that it belongs to, from 0.
 
     def __len__(self) -> int:
         return len(self.start)
@@ -308,34 +289,32 @@ class Steps:
 
 
 class Openings(NamedTuple):
-    """P openings of a leg, in order.
+    """P openings of a leg, in order."""
 
-    `sample` and `t` (P, 4): the turning point before, both ends of the inner 80 % of flexion, the turning point after;
-    `opening` and `swept` (P,) rad, by the directions of up and, signed, by flexion; `is_step_like` (P,).
-    """
-
-    sample: Ints
-    t: Floats
-    opening: Floats
-    swept: Floats
-    is_step_like: Bools
+    sample: Ints  # (P, 4): the turning point before, both ends of the inner 80 % of flexion, the turning point after.
+    t: Floats  # (P, 4) s, of these.
+    opening: Floats  # (P,) rad, by the directions of up.
+    swept: Floats  # (P,) rad, by flexion, signed.
+    is_step_like: Bools  # (P,).
 
 
 def find_steps(t: Floats, flexion: Floats, up: Floats) -> Steps:
-    """Find the steps of a thigh; there may be none.
-
-    Parameters
-    ----------
-    t : (N,) s.
-    flexion : (N,) rad, positive with the knee ahead, and free of what is faster than 6 Hz.
-    up : (N, 3) unit vector up in the body, low-passed alike.
-    """
+    """Find the steps of a thigh, if any, by flexion (N,) rad, knee ahead, and up (N, 3) in body, both below 6 Hz."""
     return join_openings(measure_openings(t, flexion, up, find_turning_points(flexion, HYSTERESIS)))[0]
 
 
 def measure_openings(t: Floats, flexion: Floats, up: Floats, turn: Ints) -> Openings:
     """Return the openings between turning points (M,), split at each pause; other arguments as of `find_steps`."""
-    turn = split_at_pauses(t, flexion, turn)
+    # one more turning point in each opening with a pause: a step into standing, and one out of it
+    parted = []
+    for a, b in pairwise(turn.tolist()):
+        if t[b] - t[a] > PAUSE_S:
+            done = (flexion[a : b + 1] - flexion[a]) / (flexion[b] - flexion[a])
+            reached = a + np.array([np.argmax(done >= level) for level in _LEVELS])
+            longest = int(np.argmax(np.diff(t[reached])))
+            if t[reached[longest + 1]] - t[reached[longest]] > PAUSE_S:
+                parted.append((reached[longest] + reached[longest + 1]) // 2)
+    turn = np.sort(np.append(turn, np.array(parted, dtype=np.int64)))
     start, stop = find_inner_spans(flexion, turn)
     sample = np.stack([turn[:-1], start, stop, turn[1:]], axis=1)
     opening = 2.0 * np.arcsin(np.linalg.norm(np.diff(up[turn], axis=0), axis=1) / 2.0)
@@ -441,19 +420,6 @@ def find_turning_points(values: Floats, hysteresis: float) -> Ints:
                 found.append(extreme)
             extreme, sense = corner, 1 if back > 0 else -1
     return np.array([*found, extreme] if sense != 0 else [], dtype=np.int64)
-
-
-def split_at_pauses(t: Floats, flexion: Floats, turn: Ints) -> Ints:
-    """Turning points with one added in each opening interrupted by a pause: a step into standing, and one out of it."""
-    parted = []
-    for a, b in pairwise(turn.tolist()):
-        if t[b] - t[a] > PAUSE_S:
-            done = (flexion[a : b + 1] - flexion[a]) / (flexion[b] - flexion[a])
-            reached = a + np.array([np.argmax(done >= level) for level in _LEVELS])
-            longest = int(np.argmax(np.diff(t[reached])))
-            if t[reached[longest + 1]] - t[reached[longest]] > PAUSE_S:
-                parted.append((reached[longest] + reached[longest + 1]) // 2)
-    return np.sort(np.append(turn, np.array(parted, dtype=np.int64)))
 
 
 def find_inner_spans(flexion: Floats, turn: Ints) -> tuple[Ints, Ints]:

@@ -53,27 +53,16 @@ class PocketStart:
 
 
 class PocketTrack(NamedTuple):
-    """Orientation and bias at the recording's rate, each sample after its own updates.
+    """Orientation and bias at the recording's rate, each sample after its own updates."""
 
-    Attributes
-    ----------
-    t : (N,) s.
-    nav_R_body : (N, 3, 3).
-    gyro_bias : (N, 3) rad/s, body.
-    sigma : (N, 6) standard deviations of the rotation in nav about east, north and up, rad, and of the bias, rad/s.
-    covariance_sample : (M,) samples, one a second, of which ...
-    covariance : (M, 6, 6) is stored, in the order of `sigma`.
-    gravity_nis, field_nis : (N,) normalized innovations squared, of two each; NaN where not used.
-    """
-
-    t: Floats
-    nav_R_body: Floats
-    gyro_bias: Floats
-    sigma: Floats
-    covariance_sample: Ints
-    covariance: Floats
-    gravity_nis: Floats
-    field_nis: Floats
+    t: Floats  # (N,) s.
+    nav_R_body: Floats  # (N, 3, 3).
+    gyro_bias: Floats  # (N, 3) rad/s, body.
+    sigma: Floats  # (N, 6) standard deviations: of the rotation in nav about east, north, up, rad; of the bias, rad/s.
+    covariance_sample: Ints  # (M,) samples, one a second, of which ...
+    covariance: Floats  # (M, 6, 6) is stored, in the order of `sigma`.
+    gravity_nis: Floats  # (N,) normalized innovations squared, of two each; NaN where not used.
+    field_nis: Floats  # (N,) likewise.
 
     @property
     def field_used(self) -> Bools:

@@ -367,9 +367,16 @@ class Ellipses:
     angle: Floats  # (E,) rad, of the major axis from east
     zoom: int  # factor that makes the largest visible on a map of the path, 1 where it is anyway
 
+    @classmethod
+    def of(cls, centre: Floats, cov: Floats, zoom: int = 1) -> Ellipses:
+        """Return the 95 % ellipses of covariances (E, 2, 2) m^2 about centres (E, 2) m."""
+        variance, direction = np.linalg.eigh(cov)
+        semi = ELLIPSE_RADIUS * np.sqrt(np.maximum(variance, 0.0))
+        return cls(centre, semi, np.arctan2(direction[:, 1, 1], direction[:, 0, 1]), zoom)
+
     def outline(self, points: int, factor: float = 1.0) -> Floats:
-        """Closed outlines (E, points, 2) m."""
-        around = np.linspace(0.0, 2 * np.pi, points)
+        """Closed outlines (E, points, 2) m, counter-clockwise."""
+        around = np.linspace(0.0, 2 * np.pi, points) % (2 * np.pi)  # the last is the first
         along, across = np.cos(around) * self.semi[:, 1:], np.sin(around) * self.semi[:, :1]
         cos, sin = np.cos(self.angle)[:, None], np.sin(self.angle)[:, None]
         turned = np.stack([cos * along - sin * across, sin * along + cos * across], axis=-1)
@@ -395,13 +402,10 @@ def find_ellipses(view: AlignedSolution) -> Ellipses | None:
     largest_m = ELLIPSE_RADIUS * float(np.sqrt(np.max(np.linalg.eigvalsh(cov[claimed]))))
     fitting = int(np.clip(4 * extent_m / max(largest_m, 1e-9), 6, MAX_ELLIPSES))
     row = claimed[spread_rows(len(claimed), fitting)]
-    variance, direction = np.linalg.eigh(cov[row])
-    semi = ELLIPSE_RADIUS * np.sqrt(np.maximum(variance, 0.0))
-    angle = np.arctan2(direction[:, 1, 1], direction[:, 0, 1])
     # zoom the largest to a fiftieth of the extent at least
     wanted = 0.02 * extent_m / max(largest_m, 1e-9)
     zoom = int(ZOOMS[np.searchsorted(ZOOMS, min(wanted, 1000.0))]) if wanted > 2.0 else 1
-    return Ellipses(centre[row], semi, angle, zoom)
+    return Ellipses.of(centre[row], cov[row], zoom)
 
 
 # --- maps ------------------------------------------------------------------------------------------------------------
@@ -567,9 +571,6 @@ def draw_ends(stance: Floats) -> list[Trace]:
     places = ["top right", "bottom right"][: len(ends)]  # two close to one another are legible
     more: dict[str, Any] = {"mode": "markers+text", "text": words, "textposition": places, "hoverinfo": "skip"}
     return [mark_places(ends, GRAY, "start and end", size=10, style=mark, showlegend=False, **more)]
-
-
-# --- returns ---------------------------------------------------------------------------------------------------------
 
 
 def _mark_returns(view: AlignedSolution) -> list[Trace]:

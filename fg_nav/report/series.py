@@ -390,9 +390,6 @@ def _shade(panel: Panel, t: Floats, stances: Stances, part: slice) -> Panel:
     return Panel(panel.label, [boxes, *panel.traces], axis, panel.share)
 
 
-# --- of the graph -----------------------------------------------------------------------------------------------------
-
-
 def draw_graph(view: AlignedSolution, frame: Frame) -> list[Chart]:
     """Draw the graph of one solution, as far as it is known."""
     solution, table = view.solution, view.solution.stances
@@ -400,7 +397,14 @@ def draw_graph(view: AlignedSolution, frame: Frame) -> list[Chart]:
     if table.compass_weight is not None and bool((table.compass_weight > 0.0).any()):
         charts += [_draw_weights(table, table.compass_weight), _draw_heaviest(view, frame, table.compass_weight)]
     if solution.graph:
-        charts.append(_draw_bias(table))
+        # bias about up, by which the heading drifts
+        up = table.nav_R_body[:, 2]
+        bias = np.rad2deg((table.gyro_bias * up).sum(axis=1))
+        sigma = np.rad2deg(np.sqrt(((table.gyro_bias_sigma * up) ** 2).sum(axis=1)))
+        estimate = _at_stances(table.t, bias, BLUE, "estimate") | {"mode": "lines+markers"}
+        traces = [band(table.t, bias, BAND * sigma, BLUE, "95 %"), estimate]
+        caption = "Gyroscope bias about up, which turns the heading; its band without correlations of the axes."
+        charts.append(stack("bias-up", [Panel("bias about up (deg/s)", traces)], caption))
     if solution.moment is not None:
         batch = solution.stances if solution.polished is None else solution.polished.stances
         charts.append(_draw_moment(solution.moment, batch))
@@ -465,17 +469,6 @@ def _find_most(weight: Floats, then: Floats) -> Ints:
     return np.sort(heaviest[weight[heaviest] > 0.0])
 
 
-def _draw_bias(table: StanceTable) -> Chart:
-    """Gyro bias about up, by which the heading drifts, with its 95 % band."""
-    up = table.nav_R_body[:, 2]
-    bias = np.rad2deg((table.gyro_bias * up).sum(axis=1))
-    sigma = np.rad2deg(np.sqrt(((table.gyro_bias_sigma * up) ** 2).sum(axis=1)))
-    estimate = _at_stances(table.t, bias, BLUE, "estimate") | {"mode": "lines+markers"}
-    traces = [band(table.t, bias, BAND * sigma, BLUE, "95 %"), estimate]
-    caption = "Gyroscope bias about up, which turns the heading; its band without correlations of the axes."
-    return stack("bias-up", [Panel("bias about up (deg/s)", traces)], caption)
-
-
 def _draw_moment(moment: StanceTable, batch: StanceTable) -> Chart:
     """Estimate of iSAM2 at the moment of each footfall less that of the batch."""
     nearest = np.clip(np.searchsorted(batch.t, moment.t - 1e-6), 0, len(batch) - 1)
@@ -494,9 +487,6 @@ def _draw_moment(moment: StanceTable, batch: StanceTable) -> Chart:
     panels = [Panel("horizontal (m)", apart, _FROM_ZERO), Panel("heading (deg)", heading)]
     caption = "Estimate of iSAM2 at the moment of each footfall, less that of the batch afterwards."
     return stack("moment", panels, caption)
-
-
-# --- places recognized ----------------------------------------------------------------------------------------------
 
 
 def describe_return(one: Return) -> str:

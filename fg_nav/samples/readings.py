@@ -85,8 +85,7 @@ OFF_SHARE = 0.6  # Of what is rebuilt, one sigma: peaks are flatter or more poin
 def find_outliers(t: Floats, acc: Floats, gyr: Floats, factor: float = FACTOR) -> Ints:
     """Find bad samples among specific forces and rates (N, 3), m/s^2 and rad/s, at rising stamps (N,) s.
 
-    Returns (N,) of which sensor each is bad, the sum of `ACC_OUT` and `GYR_OUT`. `factor` is f up to `PERIOD_S`; a
-    smaller one shows how near to it the samples of a recording come.
+    Returns (N,) of which sensor each is bad, the sum of `ACC_OUT` and `GYR_OUT`. `factor` is f up to `PERIOD_S`.
     """
     return scan_outliers(t, np.hstack([acc, gyr]), 0, True, factor)[0]
 
@@ -355,8 +354,7 @@ class Peaks(NamedTuple):
 def rebuild_peaks(samples: Floats, period_s: float, levels: Floats | None = None) -> Peaks:
     """Rebuild the peaks of rates or specific forces (N, 3), one sample every `period_s`.
 
-    `levels` (2, 3) from which on they are clipped, as in `find_saturated`. Where nothing was cut the samples are
-    returned as they are, and the zeros take no memory.
+    `levels` (2, 3) from which on they are clipped, as in `find_saturated`.
     """
     clipped = find_saturated(samples, levels)
     if not clipped.any():

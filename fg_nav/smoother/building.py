@@ -31,7 +31,7 @@ with sigma_one / sqrt(length / APART_M) and, along the path, what the field leav
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -129,12 +129,6 @@ def list_displacements(position: Floats) -> Ints:
     return np.asarray(np.concatenate(first)[:, None] + np.array([0, STRIDES]))
 
 
-def share_legs(course: Floats) -> Floats:
-    """Share (M,) that each course (M,) rad counts for: those of a leg, in a row, for `LEG_COURSES` at most."""
-    leg = np.cumsum(np.abs(wrap_angle(np.diff(course, prepend=course[:1]))) > NEW_LEG_RAD)
-    return np.asarray(np.minimum(1.0, LEG_COURSES / np.bincount(leg)[leg]))
-
-
 class TrackedDirections(NamedTuple):
     """Directions along a walk: `phi` (M,) rad, s and P, and log likelihood over that of courses that are anything."""
 
@@ -181,7 +175,9 @@ def add_directions(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, M
         return None
     course = measure_course(position[pairs[:, 1]] - position[pairs[:, 0]])
     middle, (known, piece) = pairs.mean(axis=1), np.unique(drift.piece[pairs[:, 0]], return_inverse=True)
-    share = share_legs(course)
+    # Courses of a leg, in a row, count for `LEG_COURSES` at most.
+    leg = np.cumsum(np.abs(wrap_angle(np.diff(course, prepend=course[:1]))) > NEW_LEG_RAD)
+    share = np.minimum(1.0, LEG_COURSES / np.bincount(leg)[leg])
     tracked = track_directions(course, share, middle / len(position), drift.sigma, np.diff(piece) > 0)
     if tracked.evidence < MIN_EVIDENCE:
         return None
@@ -313,12 +309,22 @@ def make_place_factors(
     for stretch in stretches:
         is_first[int(stretch.later[0]) : int(stretch.later[-1]) + 1] = False
     length = max(CELL_M, float(is_first.sum()) * SPACING_M / MAX_CELLS)
+    # The pieces of each stretch, one in each cell that it covers.
+    points, pieces = np.arange(len(path), dtype=float), list[_Piece]()
+    for stretch in stretches:
+        later_m, walked = (np.interp(at, points, path.distance_m) for at in (stretch.later, stretch.earlier))
+        cell = (walked // length).astype(np.int64)
+        for number in np.unique(cell):
+            rows = np.flatnonzero(cell == number)
+            covered = float(np.ptp(walked[rows]))
+            if covered >= min(MIN_SHARE * length, 0.9 * np.ptp(walked)):
+                part = replace(stretch, later=stretch.later[rows], earlier=stretch.earlier[rows])
+                pieces.append(_Piece(part, float(later_m[rows].mean()), (number + 0.5) * length, covered))
     # Each piece of the walk in a cell, with its earliest pass.
-    pieces = [piece for stretch in stretches for piece in _cut_into_cells(path, stretch, length)]
     chosen: dict[int, _Piece] = {}
     for piece in sorted(pieces, key=lambda one: one.cell_m):
         chosen.setdefault(int(piece.later_m // length), piece)
-    points, features, places = np.arange(len(path), dtype=float), whiten(path), list[list[Floats]]()
+    features, places = whiten(path), list[list[Floats]]()
     pairs, ties = list[Ints](), list[tuple[float, float, float]]()
     for piece in chosen.values():
         # The footfalls in the middle of the later pass and of the cell, which all its passes share. Where a walk turns
@@ -349,19 +355,6 @@ def make_place_factors(
 def find_footfalls(at: Sequence[float] | Floats, t: Floats) -> Ints:
     """Find the footfalls (M,), of those at times t (F,) s, nearest to moments (M,) s."""
     return np.asarray(np.searchsorted(0.5 * (t[1:] + t[:-1]), at))
-
-
-def _cut_into_cells(path: Signature, stretch: Stretch, length: float) -> Iterator[_Piece]:
-    """Yield the pieces of a stretch, one in each cell of this length, m, that it covers."""
-    points = np.arange(len(path))
-    later_m, walked = (np.interp(at, points, path.distance_m) for at in (stretch.later, stretch.earlier))
-    cell = (walked // length).astype(np.int64)
-    for number in np.unique(cell):
-        rows = np.flatnonzero(cell == number)
-        covered = float(np.ptp(walked[rows]))
-        if covered >= min(MIN_SHARE * length, 0.9 * np.ptp(walked)):
-            piece = replace(stretch, later=stretch.later[rows], earlier=stretch.earlier[rows])
-            yield _Piece(piece, float(later_m[rows].mean()), (number + 0.5) * length, covered)
 
 
 @dataclass(frozen=True)
@@ -434,10 +427,17 @@ def tie_places(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solve
         except EstimationError:
             return *open_walk, (), ("places that were recognized are not used: with them there is no solution",)
     assert path is not None
-    returns = tuple(_describe_return(path, one) for one in known)
+    # The moments of each stretch, and the field of both passes in the directions of the later one.
+    points, returns = np.arange(len(path), dtype=float), list[Return]()
+    for one in known:
+        t, before = (np.interp(at, points, path.t) for at in (one.later, one.earlier))
+        field, of_before = (interpolate_columns(at, points, path.field) for at in (one.later, one.earlier))
+        of_before = of_before * TURNED if one.opposite else of_before
+        length = float(np.ptp(np.interp(one.later, points, path.distance_m)))
+        returns.append(Return(t, before, one.opposite, one.score, one.expected_false, length, field, of_before))
     many, total_m = format_count(len(returns), "return"), sum(one.length_m for one in returns)
     note = f"{many} to where the walk was before, {total_m:.0f} m in all, recognized by the field"
-    return problem, solved, returns, (note,)
+    return problem, solved, tuple(returns), (note,)
 
 
 def _measure_walked(problem: WalkProblem, solved: Solved) -> Floats:
@@ -489,17 +489,6 @@ def measure_uncertainty(problem: WalkProblem, solved: Solved) -> PathUncertainty
     place = np.linalg.eigvalsh(relative[:, :, :2, :2])[..., 1]
     walked = _measure_walked(problem, solved)
     return PathUncertainty(walked, walked[anchors], place, relative[:, :, 2, 2], relative[:, :, 3, 3])
-
-
-def _describe_return(path: Signature, stretch: Stretch) -> Return:
-    """Take the moments of a stretch and the field of both passes, in the directions of the later one."""
-    points = np.arange(len(path), dtype=float)
-    t, before = (np.interp(at, points, path.t) for at in (stretch.later, stretch.earlier))
-    field, of_before = (interpolate_columns(at, points, path.field) for at in (stretch.later, stretch.earlier))
-    if stretch.opposite:
-        of_before = of_before * TURNED
-    length = float(np.ptp(np.interp(stretch.later, points, path.distance_m)))
-    return Return(t, before, stretch.opposite, stretch.score, stretch.expected_false, length, field, of_before)
 
 
 def mark_returns(table: StanceTable, returns: Sequence[Return]) -> StanceTable:

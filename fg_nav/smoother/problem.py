@@ -169,20 +169,15 @@ def _group_ties(root: SquareRoot, block: ResidualBlock, nodes: Nodes, products: 
     return groups
 
 
-def choose_swing_noise(
-    recording: Recording, stances: Stances, known: Known, p: SmootherParameters
-) -> tuple[float, str]:
+def choose_swing_noise(evidence: Floats, strides: int, p: SmootherParameters) -> tuple[float, str]:
     """Return the swing noise, 1/sqrt(Hz), the mean over `LEVELS` by evidence, of a short walk that of `p`; a note."""
-    evidence, strides = _measure_evidence(recording, stances, known, p)
     level, source = p.gyr_relative_density, ": too few strides to see it from"
     if len(evidence):
         level, source = average_level(LEVELS, evidence), f", the evidence of {format_count(strides, 'stride')}"
     return level, f"swing noise {np.degrees(level):.2g} deg/s/sqrt(Hz) per rad/s{source}"
 
 
-def _measure_evidence(
-    recording: Recording, stances: Stances, known: Known, p: SmootherParameters
-) -> tuple[Floats, int]:
+def measure_evidence(recording: Recording, stances: Stances, known: Known, p: SmootherParameters) -> tuple[Floats, int]:
     """Return -log evidence (pieces, levels) of the swing noise levels, and the number of strides in all pieces."""
     evidences, strides = [], 0
     for piece_recording, piece_stances in _pieces(recording, stances):
@@ -194,17 +189,18 @@ def _measure_evidence(
     return np.array(evidences), strides
 
 
-def choose_peak_height(recording: Recording, stances: Stances, known: Known, p: SmootherParameters) -> float:
-    """Return the most probable factor on the height of rebuilt (clipped) rate peaks over what their flanks show."""
-    run = recording.peaks[1].run
-    if np.round((1.0 / run[run > 0]).sum()) < MIN_PEAKS:
-        return 1.0
-    heights = np.array([1.0, *(height for height in HEIGHTS if height != 1.0)])
-    raised = (recording.raise_peaks(height) for height in heights)
-    evidence = [_measure_evidence(one, stances, known, p)[0] for one in raised]
+def choose_peak_height(
+    recording: Recording, stances: Stances, known: Known, p: SmootherParameters
+) -> tuple[float, Floats, int]:
+    """Return the likeliest height of rebuilt (clipped) rate peaks over what their flanks show, and its evidence."""
+    run, heights = recording.peaks[1].run, np.ones(1)
+    if np.round((1.0 / run[run > 0]).sum()) >= MIN_PEAKS:
+        heights = np.array([1.0, *(height for height in HEIGHTS if height != 1.0)])
+    found = [measure_evidence(recording.raise_peaks(height), stances, known, p) for height in heights]
     # A height at which a piece has no solution is out; the prior is the sigma of a rebuilt peak.
-    cost = [one.sum(axis=0).min() if len(one) == len(evidence[0]) > 0 else np.inf for one in evidence]
-    return float(heights[np.argmin(cost + 0.5 * ((heights - 1.0) / OFF_SHARE) ** 2)])
+    cost = [one.sum(axis=0).min() if len(one) == len(found[0][0]) > 0 else np.inf for one, _ in found]
+    best = int(np.argmin(cost + 0.5 * ((heights - 1.0) / OFF_SHARE) ** 2))
+    return float(heights[best]), *found[best]
 
 
 def average_level(levels: tuple[float, ...], minus_log_evidence: Floats) -> float:
@@ -347,9 +343,9 @@ def _estimate_known(
     known = Known(bias, mean, sigma, rests, lever)
     swing_noise, note = p.gyr_relative_density, "swing noise as given"
     if p.choose_swing_noise:
-        known = replace(known, peak_height=choose_peak_height(recording, stances, known, p))
-        recording = recording.raise_peaks(known.peak_height)
-        swing_noise, note = choose_swing_noise(recording, stances, known, p)
+        peak_height, evidence, strides = choose_peak_height(recording, stances, known, p)
+        known, recording = replace(known, peak_height=peak_height), recording.raise_peaks(peak_height)
+        swing_noise, note = choose_swing_noise(evidence, strides, p)
     # The same in words.
     notes = []
     if any(p.gyro_bias_deg_s):
@@ -387,9 +383,7 @@ def average_bias_walk(problem: WalkProblem, stacks: Sequence[Stack]) -> WalkProb
     at_change = np.array([key(int(j)) for j in begins for key in (X, V)], dtype=np.uint64)
     keys = problem.time_order
     between = np.isin(keys >> np.uint64(LETTER_SHIFT), list(map(ord, "xvp"))) & ~np.isin(keys, at_change)
-    others = compress(stacks, np.logical_not(is_change))
-    linear = LinearWalk.of(others, np.concatenate([keys[between], keys[~between]]))
-    chain = linear.eliminate_before(int(between.sum()))
+    chain = LinearWalk.of(compress(stacks, np.logical_not(is_change)), keys, between)
     # The evidence of each level, and the mean variance.
     levels = assumed / WALK_LEVELS_DEG_S[0] * np.array(WALK_LEVELS_DEG_S)
     evidence = np.zeros(len(levels))

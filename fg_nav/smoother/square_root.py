@@ -28,7 +28,7 @@ from typing import NamedTuple
 import gtsam
 import numpy as np
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import LETTER_SHIFT, Keys, Stack
 from fg_nav.smoother.elimination import (
@@ -329,9 +329,11 @@ class LinearWalk:
     volume: float = 0.0
 
     @classmethod
-    def of(cls, stacks: Iterable[Stack], keys: Keys) -> LinearWalk:
-        """Return the walk of the factors of stacks."""
-        return cls(keys, ()).join(stacks)
+    def of(cls, stacks: Iterable[Stack], keys: Keys, first: Bools | None = None) -> LinearWalk:
+        """Return the walk of the factors of stacks; variables `first` (V,), where given, are eliminated first."""
+        if first is None:
+            return cls(keys, ()).join(stacks)
+        return cls.of(stacks, np.concatenate([keys[first], keys[~first]])).eliminate_before(int(first.sum()))
 
     def join(self, stacks: Iterable[Stack]) -> LinearWalk:
         """Return it with further factors."""

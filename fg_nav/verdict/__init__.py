@@ -123,18 +123,6 @@ class WalkSigns:
 # --- signs of samples and stances ------------------------------------------------------------------------------------
 
 
-def measure_shaking(observed: WalkSigns) -> Reason:
-    """Median rate above 6 Hz in the stances, where a shoe on the ground has come to rest: twice as much in a run."""
-    gyr, stances = observed.recording.gyr, observed.walk.stances
-    power = sum((axis - remove_fast(axis, observed.recording.period_s)) ** 2 for axis in gyr.T)  # by axis: less memory
-    mean = np.add.reduceat(power, np.column_stack([stances.start, np.minimum(stances.stop, len(gyr) - 1)]).ravel())[::2]
-    shaking = np.median(np.sqrt(mean / (stances.stop - stances.start)))
-    words = (
-        f"the sensor is loose on the shoe, or the foot not on the ground: it shakes by {shaking:.1f} rad/s in stances"
-    )
-    return Reason(weigh(shaking / observed.gait, 0.3, 0.9), words)
-
-
 def measure_time_without_footfall(observed: WalkSigns) -> Reason | None:
     """Untracked motion before the first footfall and after the last, and error of strides in which a stance was due.
 
@@ -206,58 +194,6 @@ def check_mount(observed: WalkSigns) -> Reason | None:
 # --- signs of the solution -------------------------------------------------------------------------------------------
 
 
-def measure_velocity_closure(observed: WalkSigns) -> Reason:
-    """Median residual velocity of the strides where the foot stands, over the fastest of the swing.
-
-    Half of it is an error of the stride's length.
-    """
-    left = np.median(observed.left)
-    share = left / max(np.median(observed.fastest), 1e-3)
-    words = (
-        f"velocity does not close: {left:.2f} m/s, {100 * share:.0f} % of the swing's, is left where the foot stands"
-    )
-    return Reason(weigh(share, 0.15, 0.3), words)
-
-
-def count_open_strides(observed: WalkSigns) -> Reason:
-    """Share of the strides with a residual velocity above `OPEN_SHARE`: there are stances missing in them."""
-    left = observed.left / max(np.median(observed.fastest), 1e-3)
-    share = float(np.mean(left > OPEN_SHARE))
-    words = f"in {100 * share:.0f} % of the strides velocity does not close by a third of the swing's: no stances there"
-    return Reason(weigh(share, 0.2, 0.5), words)
-
-
-def measure_tilt_closure(observed: WalkSigns) -> Reason:
-    """Median error of the vertical from footfall to footfall, by the gyroscope alone.
-
-    It turns 100 deg in a swing, of which a scale error of 1 % makes 1 deg.
-    """
-    up = observed.table.nav_R_body[1:, 2]
-    tilt_deg = np.median(np.degrees(np.arccos(np.clip((observed.ends[1] * up).sum(axis=1), -1.0, 1.0))))
-    words = (
-        f"the gyroscope misses the vertical by {tilt_deg:.1f} deg a stride: its axes, scale or range, or it is loose"
-    )
-    return Reason(weigh(tilt_deg, 2.0, 5.0), words)
-
-
-def measure_speed(observed: WalkSigns) -> Reason:
-    """Highest speed on the path, by its velocity and by its positions, the greater of the two."""
-    solution, over = observed.solution, max(1, round(SPAN_S / observed.recording.period_s))
-    speed = np.linalg.norm(solution.velocity, axis=1)
-    moved = np.linalg.norm(solution.position[over:] - solution.position[:-over], axis=1)
-    speed[over:] = np.maximum(speed[over:], moved / (solution.t[over:] - solution.t[:-over]))
-    fastest = int(np.argmax(np.where(np.isnan(speed), np.inf, speed)))
-    return limits.judge_speed(float(speed[fastest]), float(solution.t[fastest]))
-
-
-def measure_gravity(observed: WalkSigns) -> Reason:
-    """Median vertical force of the strides, which begin and end at rest, against gravity: a scale of the path."""
-    force = GRAVITY_M_S2 + observed.ends[0][:, 2] / np.diff(observed.table.t)
-    moved = observed.table.position[:, :2] - observed.table.position[0, :2]
-    reach = float(np.hypot(*moved.T).max())
-    return limits.judge_gravity(np.median(force), reach, observed.sigma, observed.way)
-
-
 def compare_bias(observed: WalkSigns) -> Reason:
     """Turning about up that the solution's bias leaves in the rests; a rest counts by its excess over its sway.
 
@@ -312,17 +248,6 @@ def measure_hidden_turning(observed: WalkSigns) -> Reason | None:
     return Reason(weigh_error(error, observed.sigma, observed.way), words)
 
 
-def compare_heights(observed: WalkSigns) -> Reason | None:
-    """Height of the end of a closed walk, in its sigmas; light, as it may be another floor."""
-    table = observed.table
-    east, north, up = table.position[-1] - table.position[0]
-    sigma = float(table.position_sigma[-1, 2])
-    apart = abs(up) / sigma if sigma > 0 else 0.0
-    if np.hypot(east, north) > CLOSED_SHARE * observed.way or apart < 3.0:
-        return None
-    return Reason(LIGHT, f"it ends where it began, but {up:+.1f} m in height, {apart:.0f} of its sigmas")
-
-
 # --- the verdict -----------------------------------------------------------------------------------------------------
 
 
@@ -341,22 +266,46 @@ def judge_path(walk: Walk, solution: Solution) -> Verdict:
 
 def list_foot_signs(observed: WalkSigns) -> Iterator[Reason | None]:
     """Yield what strides and stances of a foot show."""
-    table, recording = observed.table, observed.recording
-    # does strapdown close from stance to stance?
-    yield measure_velocity_closure(observed)
-    yield count_open_strides(observed)
-    yield measure_tilt_closure(observed)
-    yield measure_gravity(observed)
+    table, recording, stances = observed.table, observed.recording, observed.walk.stances
+    # does strapdown close from stance to stance? Half of the velocity left is an error of the stride's length
+    swing, left = max(np.median(observed.fastest), 1e-3), np.median(observed.left)
+    yield Reason(
+        weigh(left / swing, 0.15, 0.3),
+        f"velocity does not close: {left:.2f} m/s, {100 * left / swing:.0f} % of the swing's, is left where the foot "
+        "stands",
+    )
+    # share of the strides with so much of it that there are stances missing in them
+    share = float(np.mean(observed.left / swing > OPEN_SHARE))
+    words = f"in {100 * share:.0f} % of the strides velocity does not close by a third of the swing's: no stances there"
+    yield Reason(weigh(share, 0.2, 0.5), words)
+    # error of the vertical by the gyroscope alone, which turns 100 deg in a swing: a scale error of 1 % makes 1 deg
+    cosine = (observed.ends[1] * table.nav_R_body[1:, 2]).sum(axis=1)
+    tilt_deg = np.median(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+    words = (
+        f"the gyroscope misses the vertical by {tilt_deg:.1f} deg a stride: its axes, scale or range, or it is loose"
+    )
+    yield Reason(weigh(tilt_deg, 2.0, 5.0), words)
+    # vertical force of the strides, which begin and end at rest, against gravity: a scale of the path
+    force = GRAVITY_M_S2 + observed.ends[0][:, 2] / np.diff(table.t)
+    reach = float(np.hypot(*(table.position[:, :2] - table.position[0, :2]).T).max())
+    yield limits.judge_gravity(np.median(force), reach, observed.sigma, observed.way)
     # does the foot stand? Its median rate is 0.1 to 0.4 rad/s in the stillest moment, twice that in a run
     rate = np.median(np.linalg.norm(recording.gyr[table.sample] - table.gyro_bias, axis=1))
     words = f"the foot does not stand: it turns by {rate:.1f} rad/s in its stances"
     yield Reason(weigh(rate / observed.gait, 0.8, 1.2), words)
-    yield measure_shaking(observed)
+    # rate above 6 Hz in the stances, where a shoe on the ground has come to rest: twice as much in a run
+    power = sum((axis - remove_fast(axis, recording.period_s)) ** 2 for axis in recording.gyr.T)  # by axis: less memory
+    ends = np.column_stack([stances.start, np.minimum(stances.stop, len(recording) - 1)]).ravel()
+    shaking = np.median(np.sqrt(np.add.reduceat(power, ends)[::2] / (stances.stop - stances.start)))
+    words = (
+        f"the sensor is loose on the shoe, or the foot not on the ground: it shakes by {shaking:.1f} rad/s in stances"
+    )
+    yield Reason(weigh(shaking / observed.gait, 0.3, 0.9), words)
     yield measure_time_without_footfall(observed)
     # a possible cause of other signs: a heel strikes within 20 ms
     if 1.0 / recording.period_s < LOW_RATE_HZ:
         yield Reason(NAMING, f"the sample rate of {1.0 / recording.period_s:.0f} Hz is low for a foot")
-    yield limits.judge_filters(recording, observed.walk.stances)
+    yield limits.judge_filters(recording, stances)
     # is it a walk? Shorter strides are none, or on the spot; stairs make 0.36 m of height
     length, climb = np.median(observed.lengths), float(np.quantile(np.abs(observed.strides[:, 2]), 0.95))
     yield Reason(weigh(1.0 / max(length, 1e-3), 1 / 0.15, 1 / 0.1), f"no walking: the median stride is {length:.2f} m")
@@ -369,9 +318,16 @@ def list_foot_signs(observed: WalkSigns) -> Iterator[Reason | None]:
 
 def list_path_signs(observed: WalkSigns) -> Iterator[Reason]:
     """Yield what the path on a foot, or in a pocket, shows."""
-    table, recording, in_pocket = observed.table, observed.recording, observed.walk.options.mount == "pocket"
+    table, recording, solution = observed.table, observed.recording, observed.solution
+    in_pocket = observed.walk.options.mount == "pocket"
     yield limits.judge_longest_stride(observed.stride_speed, table.t, observed.sigma, observed.way)
-    yield measure_speed(observed)
+    # the highest speed, by velocity and by positions, the greater of the two
+    over = max(1, round(SPAN_S / recording.period_s))
+    speed = np.linalg.norm(solution.velocity, axis=1)
+    moved = np.linalg.norm(solution.position[over:] - solution.position[:-over], axis=1)
+    speed[over:] = np.maximum(speed[over:], moved / (solution.t[over:] - solution.t[:-over]))
+    fastest = int(np.argmax(np.where(np.isnan(speed), np.inf, speed)))
+    yield limits.judge_speed(float(speed[fastest]), float(solution.t[fastest]))
     # axes of the gyroscope that contradict the accelerometer's
     measure = measure_swing_axes if in_pocket else measure_axes
     yield limits.judge_axes(measure(recording.t, recording.acc, recording.gyr))
@@ -396,14 +352,20 @@ def list_sample_signs(observed: WalkSigns) -> Iterator[Reason | None]:
     yield check_mount(observed)
 
 
-def list_light_signs(observed: WalkSigns) -> Iterator[Reason | None]:
+def list_light_signs(observed: WalkSigns) -> Iterator[Reason]:
     """Yield what is named, and makes no path doubtful."""
     # axes of the magnetometer that contradict the gyroscope's
     aligned = observed.walk.magnetometer
     if aligned is not None and aligned.wrong_axes is not None:
         warning = aligned.wrong_axes.warning
         yield Reason(LIGHT, f"the magnetometer contradicts the gyroscope and is left out: {warning}")
-    yield compare_heights(observed)
+    # height of the end of a closed walk, in its sigmas, which may be another floor
+    table = observed.table
+    east, north, up = table.position[-1] - table.position[0]
+    sigma = float(table.position_sigma[-1, 2])
+    apart = abs(up) / sigma if sigma > 0 else 0.0
+    if np.hypot(east, north) <= CLOSED_SHARE * observed.way and apart >= 3.0:
+        yield Reason(LIGHT, f"it ends where it began, but {up:+.1f} m in height, {apart:.0f} of its sigmas")
 
 
 def judge_footfalls(table: StanceTable) -> Verdict:

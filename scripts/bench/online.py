@@ -26,6 +26,7 @@ from stress import read_memory_mb
 from walks import simulate_long_walk
 
 from fg_nav.arrays import Floats
+from fg_nav.detection.stance import StanceParameters
 from fg_nav.errors import SimulationError
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import OnlineOptions
@@ -90,7 +91,7 @@ class PacedSolver(Solver):
     """Is given the time that it would have had; `idle_s` is how long it was waited for within that."""
 
     def __init__(self, navigator: OnlineNavigator) -> None:
-        given = navigator.options, navigator.detection.stance
+        given = navigator.options, StanceParameters()
         self.process, self._buffer = SolverProcess({None: given[0]}, given[1]), navigator.buffer
         super().__init__(WalkSolver(*given, navigator.buffer), self.process)
         self.idle_s, self._begun = 0.0, (0.0, 0.0)

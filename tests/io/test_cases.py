@@ -598,7 +598,7 @@ def test_the_sigma_of_a_rate_may_be_said(tmp_path: Path, fg_nav: FgNav) -> None:
 
 def test_an_array_without_names_is_read_by_number(tmp_path: Path) -> None:
     np.save(tmp_path / "walk.npy", np.column_stack([T, WALK.gyr, WALK.acc]))
-    with pytest.raises(FormatError, match=r"7 columns and no header.*--columns \"time=NAME"):
+    with pytest.raises(FormatError, match=r"7 columns and no header.*--columns \"time=1,acc=2:3:4,gyr=5:6:7\""):
         read(tmp_path / "walk.npy")
     assert is_the_walk(read_raw(tmp_path / "walk.npy", columns="time=1,acc=5:6:7,gyr=2:3:4"))
 

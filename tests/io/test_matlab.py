@@ -57,7 +57,7 @@ def big_endian_file() -> bytes:
 def test_arrays_are_those_that_scipy_reads(compress: bool) -> None:
     data = save(compress)
     arrays = matlab.load_arrays(data, "walk.mat")
-    assert matlab.list_names(data, "walk.mat") == set(arrays) == set(NUMBERS) | set(OTHERS)
+    assert set(arrays) == set(NUMBERS) | set(OTHERS)
     assert {name for name, values in arrays.items() if values is None} == set(OTHERS)
     expected = scipy.io.loadmat(io.BytesIO(data))
     for name in NUMBERS:
@@ -95,11 +95,10 @@ def test_one_wrong_byte_is_read_or_refused(compress: bool) -> None:
     whole = small_file(compress)
     refused = 0
     for data in damage_each(whole, seed=5):
-        for parse in (matlab.list_names, matlab.load_arrays):
-            try:
-                parse(data, "walk.mat")
-            except FormatError:
-                refused += 1
+        try:
+            matlab.load_arrays(data, "walk.mat")
+        except FormatError:
+            refused += 1
     assert refused > len(whole)
 
 

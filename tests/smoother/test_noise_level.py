@@ -13,7 +13,7 @@ from fg_nav.detection.stance import Stances
 from fg_nav.recording import Recording
 from fg_nav.smoother import problem as problem_module
 from fg_nav.smoother.graph import Known
-from fg_nav.smoother.problem import LEVELS, average_level, choose_swing_noise
+from fg_nav.smoother.problem import LEVELS, average_level, choose_swing_noise, measure_evidence
 from fg_nav.smoother.strides import place_nodes, preintegrate
 from tests.simulated import LEVER
 from tests.smoother.walks import DEFAULT, Walk, noise_free, part, time_order
@@ -34,7 +34,7 @@ def noisy(level: float, seed: int = 0, share: float = 0.0, white: float = 0.01) 
 
 
 def chosen(walk: Walk) -> float:
-    return choose_swing_noise(walk.recording, walk.stances, KNOWN, DEFAULT)[0]
+    return choose_swing_noise(*measure_evidence(walk.recording, walk.stances, KNOWN, DEFAULT), DEFAULT)[0]
 
 
 @cache
@@ -98,7 +98,7 @@ def test_noise_of_a_level_is_that_integrated_with_it() -> None:
 
 def test_a_walk_too_short_keeps_its_level_and_says_so() -> None:
     walk = part(noise_free(), 4)
-    level, note = choose_swing_noise(walk.recording, walk.stances, KNOWN, DEFAULT)
+    level, note = choose_swing_noise(*measure_evidence(walk.recording, walk.stances, KNOWN, DEFAULT), DEFAULT)
     assert level == DEFAULT.gyr_relative_density
     assert "too few strides" in note
 

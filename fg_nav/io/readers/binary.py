@@ -1,22 +1,15 @@
 """Recordings in binary files: published sets of walks in MATLAB files, each with its truth, and ROS bags.
 
-PyShoe (Wagstaff et al., University of Toronto), of a LORD 3DM-GX5-25: `imu` (N, 6) acc m/s^2, gyr rad/s; `ts` (N,) s;
-`gt` (N, 3) m, the foot by motion capture, **left-handed**: y is negated here; where `gt_idx` (M,) is present, `gt`
-is (M, 3), surveyed points passed at these samples, from 0.
+PyShoe (Wagstaff et al., University of Toronto) and gdlbio, of a LORD 3DM-GX5-25 on a shoe: acc and gyr (N, 6). The
+truths of both are **left-handed**: y is negated here. Their `gt_idx` and `strideIndex` are samples, from 0.
 
-gdlbio, of the same sensor on a shoe over surveyed footprints: `imu_data` (N, 6) acc, gyr; `timestamps` (N,) s;
-`strideIndex` (M,) a sample, from 0, in each stance, the first at the start; `GCP` (M, 2) m, its footprint,
-**left-handed** seen from above: y is negated here.
-
-BROAD (Laidig et al., Data 6(7), 2021): `imu_acc`, `imu_gyr`, `imu_mag` (N, 3) m/s^2, rad/s, uT, of which the last
-repeats held samples; `opt_quat` (N, 4) w, x, y, z, sensor to East-North-Up, and `opt_pos` (N, 3) m, NaN where unseen;
-`sampling_rate` Hz: the samples are even.
+BROAD (Laidig et al., Data 6(7), 2021): `imu_mag` repeats held samples; `opt_quat` (N, 4) is w, x, y, z, sensor to
+East-North-Up, and `opt_pos` (N, 3) m, NaN where unseen; the samples are even.
 
 ROS 1 and 2, by the extra `ros` (rosbags): a `.bag`, a folder with `metadata.yaml`, a `.db3` or `.mcap` alone. Of topics
-with `sensor_msgs/Imu` one is taken: force and rate, unless covariance[0] = -1 says not measured, at `header.stamp`, or
-where that is empty at the time when the bag took it in. Its field is the `sensor_msgs/MagneticField` (of older drivers
-`geometry_msgs/Vector3Stamped`) whose name begins most like it; drivers that do not keep to tesla, or normalize it, are
-found by the strength.
+with `sensor_msgs/Imu` one is taken, at `header.stamp`, or where that is empty at the time when the bag took it in. Its
+field is the `sensor_msgs/MagneticField` (of older drivers `geometry_msgs/Vector3Stamped`) whose name begins most like
+it; drivers that do not keep to tesla, or normalize it, are found by the strength.
 """
 
 from __future__ import annotations
@@ -35,7 +28,6 @@ from fg_nav.io.beside import pack_footprints, pack_true_path
 from fg_nav.io.content import Content, choose_sensor, explain_library
 from fg_nav.io.matlab import Variables, mat_array
 from fg_nav.io.streams import Stream, drop_held, join_streams
-from fg_nav.io.tables import scale_values
 from fg_nav.recording import Provenance, RawRecording
 from fg_nav.samples.plausibility import find_mag_problem, measure_field_strength
 from fg_nav.truth import Truth
@@ -170,7 +162,7 @@ def read_bag(content: Content) -> RawRecording:
         scale, words = _judge_field(field.values, magnetic)
         notes.append(words)
         if scale:
-            streams.append(Stream("mag", field.t, scale_values(field.values, scale), field.row, magnetic))
+            streams.append(Stream("mag", field.t, field.values * scale, field.row, magnetic))
     return join_streams(streams, path, "ros", notes)
 
 

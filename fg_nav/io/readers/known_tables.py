@@ -1,13 +1,11 @@
 """One table of all sensors on one clock: columns, clock and unit of each sensor as its maker writes them.
 
 SensorConnect (LORD/MicroStrain) names channels behind the sensor, `inertial-6253.76535:scaledAccelX`; those of a
-filter in the sensor have `:valid` behind them; rows of other packets, without acc and gyr, are left out. OpenShoe has
-17 columns by blanks without a header. YEI's log names the columns in a comment; `Corrected` goes before `Raw`. APDM
-exports all Opals of a session: *format 7* has three header rows, `Format=7,5718,,,Lumbar,...` with number and name of
-each sensor above its columns, `Time,Accelerometer,,,...` and the axes; the other has keys, then
-`Time,Lumbar/Acceleration/X,...`, then a row of units. Consensys of Shimmer has a row of names,
-`Shimmer_40AC_Accel_LN_X_CAL`, and one of units, perhaps below `"sep=;"`; `LN` is of low noise and in the gyroscope's
-frame, `WR` of wide range and another chip.
+filter in the sensor have `:valid` behind them. APDM exports all Opals of a session: *format 7* has three header rows,
+`Format=7,5718,,,Lumbar,...` with number and name of each sensor above its columns, `Time,Accelerometer,,,...` and the
+axes; the other has keys, then `Time,Lumbar/Acceleration/X,...`, then a row of units. Consensys of Shimmer has a row of
+names, `Shimmer_40AC_Accel_LN_X_CAL`, and one of units; `LN` is of low noise and in the gyroscope's frame, `WR` of wide
+range and another chip.
 
 In units of the local field one is taken for that of most of Europe and North America: a path uses the direction and its
 changes, not the strength.
@@ -32,7 +30,7 @@ from fg_nav.io.beside import read_footprint_mat
 from fg_nav.io.content import Content, choose_sensor, read_content, split_fields
 from fg_nav.io.readers import table as any_table
 from fg_nav.io.streams import NAMES, Sensor, continue_counter, drop_held
-from fg_nav.io.tables import TextTable, find_column, find_header, scale_values
+from fg_nav.io.tables import TextTable, find_column, find_header
 from fg_nav.recording import Provenance, RawRecording
 from fg_nav.samples.plausibility import is_field_on_earth, measure_field_strength
 from fg_nav.truth import FootprintTruth
@@ -65,16 +63,13 @@ def find_sensors(table: TextTable, sources: Sources) -> dict[Sensor, Axes]:
 def read_sensors(
     table: TextTable, clocks: Sequence[str], sensors: Mapping[Sensor, Axes]
 ) -> tuple[Floats, dict[Sensor, Floats], Ints]:
-    """Return columns of `clocks` (N, K) as they are, samples of each sensor in SI or uT, and lines (N,).
-
-    Raises `FormatError` if a column is missing or doubled, or a field is no number.
-    """
+    """Return columns of `clocks` (N, K) as they are, samples of each sensor in SI or uT, and lines (N,)."""
     names = [*clocks, *(name for axes in sensors.values() for name in axes.names)]
     values, row = table.read([find_column(name, table.names, table.content.path) for name in names])
     ends = np.cumsum([len(clocks), *(len(axes.names) for axes in sensors.values())])
     clock, *parts = np.split(values, ends[:-1], axis=1)
     units = [axes.unit if np.isfinite(axes.unit).all() else 1.0 for axes in sensors.values()]
-    samples = {what: scale_values(xyz, unit) for what, xyz, unit in zip(sensors, parts, units, strict=True)}
+    samples = {what: xyz * unit for what, xyz, unit in zip(sensors, parts, units, strict=True)}
     return clock, samples, row
 
 
@@ -88,7 +83,7 @@ def pack_samples(
         median = float(np.nanmedian(measure_field_strength(mag))) if np.isfinite(mag).any() else np.nan
         said = f"the magnetometer is in units of the local field (median {median:.2f})"
         if is_field_on_earth(_LOCAL_FIELD_UT * median):
-            mag = scale_values(mag, _LOCAL_FIELD_UT)
+            mag = mag * _LOCAL_FIELD_UT
             remarks.append(f"{said}: 1 is taken for {_LOCAL_FIELD_UT:.0f} uT")
         else:
             mag = None
@@ -189,7 +184,7 @@ def read_openshoe(content: Content) -> RawRecording:
             number[at:] += number[at - 1] + steps - number[at]
             words = "nothing is missing there" if steps == 1.0 else f"{passed_s:.2f} s later"
             notes.append(f"the row numbers begin again in row {row[at]}: by the computer's clock {words}")
-    return pack_samples(content, "openshoe", scale_values(number, 1.0 / rate_hz), samples, sensors, row, notes)
+    return pack_samples(content, "openshoe", number * (1.0 / rate_hz), samples, sensors, row, notes)
 
 
 # YEI 3-Space
@@ -290,7 +285,7 @@ def read_apdm(content: Content) -> RawRecording:
         scales = [find_scale(what, units[k] or SI_UNITS[what], table.names[k], path.name) for k in places]
         sensors[what] = Axes(names, np.array(scales))
     clock, samples, row = read_sensors(table, [table.names[0]], sensors)
-    t = scale_values(clock[:, 0], find_scale("time", units[0] or "s", "Time", path.name))
+    t = clock[:, 0] * find_scale("time", units[0] or "s", "Time", path.name)
     return pack_samples(content, "apdm", t, samples, sensors, row, [f"the sensor is '{sensor}'"])
 
 
@@ -348,7 +343,7 @@ def read_shimmer(content: Content) -> RawRecording:
     there = ~np.isnan(np.hstack(list(samples.values()))).all(axis=1)
     row, samples = row[there], {what: xyz[there] for what, xyz in samples.items()}
     unit = find_factor("time", units[place]) if place < len(units) else None
-    t = scale_values(values[there, 0], 1.0 if "Formatted" in kind else unit or 1e-3)
+    t = values[there, 0] * (1.0 if "Formatted" in kind else unit or 1e-3)
     # remarks
     wide, notes = _WIDE.format(device=prefix).format("X"), list[str]()
     if sensors["acc"].names[0] == wide:

@@ -2,23 +2,17 @@
 
 Of one table of all sensors (`TableFormat`) names are compared without their units, which are those of the app.
 SensorLog has **Apple's sign** and a clock for each sensor; `motion...` is without bias, and the field 0 until it is
-calibrated. AndroSensor has a row at a chosen rate; 2 Hz, as proposed, is too low. Physics Toolbox has a row whenever
-any sensor has a sample, in which the others hold their last one. HyperIMU names columns after the phone's chips.
+calibrated. Physics Toolbox has a row whenever any sensor has a sample, in which the others hold their last one.
 
-phyphox (RWTH Aachen): each sensor has its own `Time (s)` since the start of the experiment, up is + on iPhones too. In
-the newer header, `X (m/s^2)`, the unit says the sensor, and the name of the file "Linear". `meta/device.csv` and
-`meta/time.csv` say phone and app, and when the experiment was started and paused. Pauses are left out of the time of
-the experiment: here they are put back, as gaps.
+phyphox (RWTH Aachen): up is + on iPhones too. In the newer header, `X (m/s^2)`, the unit says the sensor, and the name
+of the file "Linear". Pauses are left out of the time of the experiment: here they are put back, as gaps.
 
-Sensor Logger (Kelvin Choi), `time,seconds_elapsed,z,y,x`, in whole ns since 1970. On Android, or standardised,
-`TotalAcceleration` is the specific force, m/s^2, `Accelerometer` and `Gravity` are its two parts, and
-`AccelerometerUncalibrated` is that too. An iPhone has no total, the two parts with the sign turned, and the
-uncalibrated one in g with the sign turned. `Metadata.csv` names the platform and whether units and signs were
-standardised. Where it is absent, an uncalibrated accelerometer that reads 1 at rest is that of an iPhone. Source:
-UNITS.md, COORDINATES.md, CROSSPLATFORM.md of tszheichoi/awesome-sensor-logger.
+Sensor Logger (Kelvin Choi), in whole ns since 1970. On Android, or standardised, `TotalAcceleration` is the specific
+force, m/s^2, `Accelerometer` and `Gravity` are its two parts, and `AccelerometerUncalibrated` is that too. An iPhone
+has no total, the two parts with the sign turned, and the uncalibrated one in g with the sign turned. Source: UNITS.md,
+COORDINATES.md, CROSSPLATFORM.md of tszheichoi/awesome-sensor-logger.
 
-Google's GnssLogger: records in lines that begin with their kind, below a header in lines with `#`. `UncalAccel`, utc in
-ms, elapsed since the phone's start in ns, x, y, z, and the bias in it, which is subtracted; `Accel` is without it.
+Google's GnssLogger: records in lines that begin with their kind; of `UncalAccel` the bias in it is subtracted.
 """
 
 from __future__ import annotations
@@ -38,7 +32,7 @@ from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io.content import Content, split_fields, split_lines
 from fg_nav.io.streams import NAMES, UNCALIBRATED_FIELD, Sensor, Stream, interpolate_rows, join_streams, keep_changes
-from fg_nav.io.tables import TextTable, find_header, guess_separator, has_rows, scale_values
+from fg_nav.io.tables import TextTable, find_header, guess_separator, has_rows
 from fg_nav.recording import NOMINAL_SIGMA, RawRecording, note_nominal_rate
 from fg_nav.samples.plausibility import measure_rest_acc
 from fg_nav.text import format_count
@@ -85,7 +79,6 @@ class TableFormat:
         is_below = bool(re.match(self.top, first, re.IGNORECASE))
         return is_below and (bool(self.top) or find_header(content, self.is_header) is not None)
 
-    @np.errstate(over="ignore", invalid="ignore")  # of numbers that a damaged file may hold
     def read(self, content: Content) -> RawRecording:
         """Read a recording."""
         path, notes = content.path, list[str]()
@@ -127,7 +120,7 @@ class TableFormat:
         if nominal_s is None:
             stamps = table.read_integers(names[0], row) if self.is_epoch else None
             t = values[:, 0] * self.tick_s if stamps is None else stamps * 1_000_000
-        stream = Stream(source.what, t, scale_values(xyz, source.unit), row, table.names[wanted[0]])
+        stream = Stream(source.what, t, xyz * source.unit, row, table.names[wanted[0]])
         if self.keeps:
             return keep_changes(stream)
         return stream.take(np.concatenate(([True], np.diff(t) != 0)))  # rows repeat a sample until there is a new one
@@ -224,7 +217,6 @@ def _find_phyphox_header(file: Content) -> TextTable | None:
     return header if header is not None and header.line == 0 else None
 
 
-@np.errstate(over="ignore", invalid="ignore")  # of numbers that a damaged file may hold
 def read_phyphox(content: Content) -> RawRecording:
     """Read an experiment."""
     notes = list[str]()
@@ -268,7 +260,7 @@ def _read_phyphox_table(file: Content) -> Iterator[Stream]:
             factors = [find_scale("time", clock[1] if clock else "s", table.names[0], file.path.name)]
             factors += [find_scale(sensor, unit, name, file.path.name) for name, unit in own]
             values, row = table.read_columns([table.names[0], *(name for name, _ in own)])
-            values = scale_values(values, np.array(factors))
+            values *= np.array(factors)
             yield Stream(sensor, values[:, 0], values[:, 1:], row, file.path.name)
 
 
@@ -330,7 +322,6 @@ def find_tables(content: Content) -> dict[str, TextTable]:
     return found
 
 
-@np.errstate(over="ignore", invalid="ignore")  # of numbers that a damaged file may hold
 def read_sensor_logger(content: Content) -> RawRecording:
     """Read a recording."""
     path, notes = content.path, list[str]()
@@ -347,12 +338,9 @@ def read_sensor_logger(content: Content) -> RawRecording:
         is_air = _WHAT[name] == "pressure"
         values, row = table.read_columns(["time", *(["pressure"] if is_air else "xyz")])
         stamps = table.read_integers("time", row)
-        if stamps is None:
-            whole = np.abs(values[:, 0]) < 2.0**63
-            values, row = values[whole], row[whole]
-            stamps = np.rint(values[:, 0]).astype(np.int64)
+        t = values[:, 0] * 1e-9 if stamps is None else stamps
         xyz = values[:, 1:] * (_HPA if is_air else 1.0)
-        streams[name] = Stream(_WHAT[name], stamps, xyz, row, table.content.path.name)
+        streams[name] = Stream(_WHAT[name], t, xyz, row, table.content.path.name)
     force = _find_force(streams, metadata, content, notes)
     gyr, mag = streams.get("gyroscope"), streams.get("magnetometer")
     if gyr is None and "gyroscopeuncalibrated" in streams:
@@ -396,7 +384,7 @@ def _find_force(
         return replace(linear, xyz=sign * whole)
     if raw is not None and in_g:
         notes.append("specific force is -9.80665 * AccelerometerUncalibrated" + turned)
-        return replace(raw, xyz=scale_values(raw.xyz, -GRAVITY_M_S2))
+        return replace(raw, xyz=-GRAVITY_M_S2 * raw.xyz)
     if raw is not None:
         notes.append("specific force is AccelerometerUncalibrated")
     return raw
@@ -420,7 +408,6 @@ def is_gnss_logger(content: Content) -> bool:
     return named or (first.startswith(_PREFIXES) and first.count(",") >= 5)
 
 
-@np.errstate(over="ignore", invalid="ignore")  # of numbers that a damaged file may hold
 def read_gnss_logger(content: Content) -> RawRecording:
     """Read the inertial sensors and the magnetometer of a log; a record that is not whole is no sample."""
     lines, streams, notes = split_lines(content.read_text()), list[Stream](), list[str]()

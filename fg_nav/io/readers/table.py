@@ -1,11 +1,8 @@
 """Any table of samples by the names of its columns; a folder or archive with one table a sensor (docs/formats.md).
 
 `Content.columns` is what `--columns` maps, `Content.rate_hz` the rate of a table without stamps, `Content.sensor` which
-of several sensors. These have columns with names of their own, or rows: then a column names them, or they alternate.
-
-Of tables of one sensor the columns say which it is, `wx`; else their unit, `X [dps]`; else the name of the file,
-`X_GYRO.txt`. What is left of these names is one for the sensors of a session. Tables are brought onto the gyroscope's
-clock (`fg_nav.io.streams`), then units are judged as those of one table.
+of several sensors. Tables of one sensor are brought onto the gyroscope's clock (`fg_nav.io.streams`), then units are
+judged as those of one table.
 """
 
 from __future__ import annotations
@@ -23,7 +20,6 @@ from fg_nav.columns.headers import Meaning, Quantity, find_factor, find_kinds_in
 from fg_nav.columns.mapping import (
     ACC,
     GYR,
-    OPEN,
     TIME,
     Channel,
     ColumnMap,
@@ -38,7 +34,7 @@ from fg_nav.columns.samples import convert_samples, list_positions
 from fg_nav.errors import FormatError
 from fg_nav.io.content import Content, choose_sensor, read_content
 from fg_nav.io.streams import NAMES, Sensor, Stream, drop_held, join_streams
-from fg_nav.io.tables import Table, open_table
+from fg_nav.io.tables import MIN_NUMBERS, Table, open_table
 from fg_nav.recording import Provenance, RawRecording
 from fg_nav.samples.plausibility import find_mag_unit, find_time_unit, median_period_s
 
@@ -96,13 +92,12 @@ def read(content: Content, format: str = "table") -> RawRecording:
 
 
 def choose(content: Content, table: Table) -> ColumnMap:
-    """Choose the columns of a table by their names, or as the user maps them.
-
-    Raises `FormatError` if one is missing, or there is a choice.
-    """
+    """Choose the columns of a table by their names, or as the user maps them."""
     hints = make_hints(content)
     if not table.has_header and content.columns is None:
-        raise hints.ask(f" has {len(table.names)} columns and no header: say which is what by number from 1", OPEN)
+        width, (no_clock, usual) = len(table.names), ("acc=1:2:3[UNIT],gyr=4:5:6[UNIT]", "time=1,acc=2:3:4,gyr=5:6:7")
+        mapping = no_clock if width == MIN_NUMBERS else usual + ",mag=8:9:10" * (width > 9)  # in the usual order
+        raise hints.ask(f" has {width} columns and no header: say which is what by number from 1", mapping)
     return choose_columns(table.names, hints, content.sensor, content.columns, content.rate_hz is not None)
 
 
@@ -118,11 +113,9 @@ def _find_clock(columns: ColumnMap, values: Floats) -> Floats | None:
 
 
 def _find_rows(content: Content, table: Table, columns: ColumnMap, values: Floats, row: Ints) -> tuple[Ints, list[str]]:
-    """Return the row indices of the chosen sensor, all if there is only one, and notes on the choice.
-
-    A column that is no measurement names the sensors if its few values recur and the stamps, which repeat or step back
-    overall, rise within each value; or if its name says so and it changes from row to row.
-    """
+    """Return the row indices of the chosen sensor, all if there is only one, and notes on the choice."""
+    # a column names the sensors if stamps that repeat or step back overall rise within each of its few values, or if
+    # its name says so and it changes from row to row
     names, everything = table.names, np.arange(len(values))
     clock, used = _find_clock(columns, values), set(list_positions(columns))
     stuck = 0.0 if clock is None else float(np.mean(np.diff(clock) <= 0))
@@ -179,10 +172,7 @@ class SensorTable:
     session: str
 
     def read(self) -> Stream:
-        """Read the table in its unit, of a magnetometer in uT: NaN where its unit is arbitrary.
-
-        Raises `FormatError` if the unit of the clock is not known, or a field is no number.
-        """
+        """Read the table in its unit, of a magnetometer in uT: NaN where its unit is arbitrary."""
         name, unit = self.content.path.name, self.clock.unit
         values, row = self.table.read([*self.clock.positions, *self.axes.positions])
         clock, xyz = np.split(values, [len(self.clock.positions)], axis=1)

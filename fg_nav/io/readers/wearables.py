@@ -1,16 +1,14 @@
 """Exports of worn sensors: MetaWear, Movesense, x-io and Xsens. Units and clocks: docs/formats.md.
 
-MetaWear, a file a sensor: the clock is the first `epoch (ms)` and `elapsed (s)` since. Only the file's name says that
-an acceleration is linear, or gravity alone: these are left out. What stands in it before the sensor is one a session.
+MetaWear, a file a sensor: only the file's name says that an acceleration is linear, or gravity alone: these are left
+out. What stands in it before the sensor is one a session.
 
 Movesense, `{"Meas": {"IMU9": [{"Timestamp": ..., "ArrayAcc": [{"x": ..., ...}, ...], ...}, ...]}}`: the stamp is of the
-first of the 4 to 16 samples of a block; these are spread evenly up to the stamp of the next one; where blocks are
-missing, they come as in the blocks around. Blocks are taken wherever they stand: apps nest them differently.
+first of the 4 to 16 samples of a block; where blocks are missing, they come as in the blocks around. Blocks are taken
+wherever they stand: apps nest them differently.
 
-Xsens, text of MT Manager and CSV of the DOT's app or PC SDK: `Acc_X` ... and `Gyr_X` ...; or in their place the changes
-of velocity (m/s) and the turns (quaternions) over each sample: over its period these are the mean specific force and
-rate. In MT Manager `SampleTimeFine` begins again after a day. That of a DOT, of 32 bits, is in the unit in which the
-samples come at a rate that a DOT has.
+Xsens, MT Manager and DOT: samples; or in their place the changes of velocity (m/s) and the turns (quaternions) over
+each, which over its period are the mean specific force and rate.
 """
 
 from __future__ import annotations
@@ -31,14 +29,13 @@ from fg_nav.io.content import Content, choose_sensor, split_fields
 from fg_nav.io.readers import table
 from fg_nav.io.readers.known_tables import LOCAL_FIELD, Axes, pack_samples, read_sensors
 from fg_nav.io.streams import NAMES, Sensor, Stream, continue_counter, join_streams
-from fg_nav.io.tables import TextTable, find_header, scale_values
+from fg_nav.io.tables import TextTable, find_header
 from fg_nav.recording import RawRecording
 from fg_nav.samples.gaps import LOST_PERIODS
 from fg_nav.samples.plausibility import (
     find_gyr_unit,
     find_mag_problem,
     measure_field_strength,
-    measure_gravity_transport,
     median_period_s,
 )
 
@@ -86,7 +83,7 @@ def read_metawear(content: Content) -> RawRecording:
             raise FormatError(f"{file.path.name} has no row with both clocks: export it again.")
         elapsed = np.rint(values[:, 1] * 1e9 - values[0, 1] * 1e9).astype(np.int64)
         t = np.rint(values[0, 0] * 1e6).astype(np.int64) + elapsed
-        streams.append(Stream(what, t, scale_values(values[:, 2:], factor), row, file.path.name))
+        streams.append(Stream(what, t, values[:, 2:] * factor, row, file.path.name))
     notes = [f"the session is '{chosen}'"] if len(sessions) > 1 else []
     streams.sort(key=lambda stream: list(NAMES).index(stream.what))
     return join_streams(streams, content.path, "metawear", notes, is_part=not content.members)
@@ -158,7 +155,7 @@ def _read_blocks(blocks: list[dict[str, Any]], what: Sensor, name: str) -> Strea
     step[~((step > 0) & (step < LOST_PERIODS * usual))] = usual
     within = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
     t = np.repeat(stamps, sizes) + within * np.repeat(step, sizes)
-    return Stream(what, t, scale_values(np.concatenate(parts), unit), np.arange(1, len(t) + 1), array)
+    return Stream(what, t, np.concatenate(parts) * unit, np.arange(1, len(t) + 1), array)
 
 
 # x-io
@@ -172,11 +169,9 @@ def _name_sensors(content: Content) -> set[str]:
 
 def _find_parts(content: Content) -> tuple[Content | None, Content | None]:
     """Files right in a folder or archive with force and rate, and with the field; None where there is not one."""
-    found: dict[frozenset[str], list[Content]] = {}
-    for file in content.parts():
-        found.setdefault(frozenset(_name_sensors(file)), []).append(file)
-    kinds = frozenset({"gyroscope", "accelerometer"}), frozenset({"magnetometer"})
-    inertial, magnetic = (found[kind][0] if len(found.get(kind, ())) == 1 else None for kind in kinds)
+    kinds, files = ({"gyroscope", "accelerometer"}, {"magnetometer"}), content.files()
+    found = [[file for file in files if _name_sensors(file) == kind] for kind in kinds]
+    inertial, magnetic = (own[0] if len(own) == 1 else None for own in found)
     return inertial, magnetic
 
 
@@ -207,8 +202,11 @@ def read_xio(content: Content) -> RawRecording:
 
 _ACC, _GYR, _MAG = (tuple(f"{sensor}_{axis}" for axis in "XYZ") for sensor in ("Acc", "Gyr", "Mag"))
 _VELOCITIES = (("dv[1]", "dv[2]", "dv[3]"), tuple(f"VelInc_{axis}" for axis in "XYZ"))
-_TURN, _ATTITUDE = ("dq_W", "dq_X", "dq_Y", "dq_Z"), ("Quat_W", "Quat_X", "Quat_Y", "Quat_Z")
-_TURNS = (_TURN, tuple(f"OriInc_q{k}" for k in range(4)), tuple(f"OriInc_{axis}" for axis in "wxyz"))
+_TURNS = (
+    ("dq_W", "dq_X", "dq_Y", "dq_Z"),
+    tuple(f"OriInc_q{k}" for k in range(4)),
+    tuple(f"OriInc_{axis}" for axis in "wxyz"),
+)
 _FINE, _COUNTERS = "SampleTimeFine", ("PacketCounter", "Counter")
 
 _TICKS_A_DAY, _TICK_S = 864_000_000.0, 1e-4  # Of an MTi.
@@ -222,14 +220,10 @@ _RATES_HZ = (7.0, 130.0)  # A DOT has 1 to 120 Hz, for a walk 10 or more: there 
 _UNITS_S = {"us": 1e-6, "0.1 ms": 1e-4}
 
 _DEGREE = np.pi / 180.0
-_BIAS = 0.3  # A gyroscope that reads more than this at rest reads in deg/s: 17 deg/s would be a broken one.
 
 
 def _find_columns(header: TextTable, content: Content) -> dict[Sensor, Axes]:
-    """Return the columns of specific force, rate and field; a missing column of a group raises when it is read.
-
-    Force may come as changes of velocity, the rate as turns.
-    """
+    """Return the columns of specific force or changes of velocity, of rate or turns, and of field."""
     acc, gyr = (
         next((group for group in groups if not set(group).isdisjoint(header.names)), ())
         for groups in ((_ACC, *_VELOCITIES), (_GYR, *_TURNS))
@@ -248,24 +242,20 @@ def _divide_by_period(samples: dict[Sensor, Floats], sensors: Mapping[Sensor, Ax
     """Make force and rate of changes over each sample, in place; return notes."""
     per_s, remarks = 1.0 / median_period_s(t), []
     if sensors["acc"].names != _ACC:
-        samples["acc"] = scale_values(samples["acc"], per_s)
+        samples["acc"] *= per_s
         remarks.append("the specific force is from the changes of velocity over each sample")
     if sensors["gyr"].names != _GYR:
-        samples["gyr"] = scale_values(_find_turns(samples["gyr"], False), per_s)
+        samples["gyr"] = _find_turns(samples["gyr"]) * per_s
         remarks.append("the rate of turn is from the turns over each sample")
     return remarks
 
 
-def _find_turns(wxyz: Floats, is_attitude: bool) -> Floats:
-    """Rotation vectors (N, 3) rad from sample to sample, of turns (N, 4) or of attitudes; NaN where there is none."""
+def _find_turns(wxyz: Floats) -> Floats:
+    """Rotation vectors (N, 3) rad of turns (N, 4); NaN where there is none."""
     from scipy.spatial.transform import Rotation  # slow to load
 
-    with np.errstate(over="ignore", invalid="ignore"):
-        known = np.abs(np.linalg.norm(wxyz, axis=1) - 1.0) < 0.01
+    known = np.abs(np.linalg.norm(wxyz, axis=1) - 1.0) < 0.01
     rotation = Rotation.from_quat(np.where(known[:, None], wxyz, [1.0, 0.0, 0.0, 0.0]), scalar_first=True)
-    if is_attitude:
-        rotation = Rotation.concatenate([rotation[:1], rotation[:-1].inv() * rotation[1:]])
-        known &= np.append(False, known[:-1])
     return np.where(known[:, None], rotation.as_rotvec(), np.nan)
 
 
@@ -346,11 +336,9 @@ def read_dot(content: Content) -> RawRecording:
     """Read an export of the app or a log of the PC SDK."""
     header = find_header(content, lambda names: _FINE in names) or TextTable(content, content.fields())
     sensors = _find_columns(header, content)
-    known = [group for group in (_TURN, _ATTITUDE) if group != sensors["gyr"].names]
-    turned = next((group for group in known if set(group) <= set(header.names)), ())
-    values, samples, row = read_sensors(header, [_FINE, *turned], sensors)
+    clock, samples, row = read_sensors(header, [_FINE], sensors)
     # unit of the clock, in which the samples come at a rate of a DOT
-    ticks, remarks = continue_counter(values[:, 0], 2.0**32, _FINE)
+    ticks, remarks = continue_counter(clock[:, 0], 2.0**32, _FINE)
     step = median_period_s(ticks)
     fitting = [unit for unit, size in _UNITS_S.items() if _RATES_HZ[0] <= 1.0 / (step * size) <= _RATES_HZ[1]]
     if len(fitting) != 1:
@@ -367,46 +355,24 @@ def read_dot(content: Content) -> RawRecording:
     # force and rate
     done, judged = _divide_by_period(samples, sensors, t), tuple[str, ...]()
     if sensors["gyr"].names == _GYR:
-        turns = _find_turns(values[:, 1:], turned == _ATTITUDE) if turned else None
-        scale, judged = _judge_rate_unit(t, samples["acc"], samples["gyr"], turns, content)
-        samples["gyr"] = scale_values(samples["gyr"], scale)
+        scale, judged = _judge_rate_unit(t, samples["acc"], samples["gyr"], content)
+        samples["gyr"] *= scale
     return pack_samples(content, "xsens-dot", t, samples, sensors, row, [*remarks, *done, *judged])
 
 
-def _judge_rate_unit(
-    t: Floats, acc: Floats, gyr: Floats, turns: Floats | None, content: Content
-) -> tuple[float, tuple[str, ...]]:
-    """Return the factor from the file's rate to rad/s, and a note if it was judged by the data, not the app's deg/s."""
+def _judge_rate_unit(t: Floats, acc: Floats, gyr: Floats, content: Content) -> tuple[float, tuple[str, ...]]:
+    """Return the factor from the file's rate to rad/s, and a note if it was judged as that of any table."""
     top = [line for line in content.lines[:12] if "DeviceTag" in line]
     if top and not any("FirmwareVersion" in line for line in top):  # of the app: the SDK has the keys in one line
         return _DEGREE, ()
-    period_s, unit, why = median_period_s(t), None, "it fits the turn from sample to sample"
-    if turns is not None and (gain := _compare_turns(t, gyr, turns)) is not None:
-        unit = "rad/s" if gain > np.sqrt(_DEGREE) else "deg/s"
-    if unit is None:
-        unit, why = find_gyr_unit(acc, gyr, period_s), "its size shows it, or gravity, which turns as it says"
-    if unit is None:
-        transport = measure_gravity_transport(acc, gyr, period_s)
-        is_still = transport.n_windows >= 100 and abs(transport.gain) < 0.1
-        if is_still and np.nanmedian(np.linalg.norm(gyr, axis=1)) > _BIAS:
-            unit, why = "deg/s", "gravity stands still in the body"
+    period_s = median_period_s(t)
+    unit = find_gyr_unit(acc, gyr, period_s)
     if unit is not None:
-        return (1.0 if unit == "rad/s" else _DEGREE), (f"the gyroscope is in {unit}: {why}",)
+        note = f"the gyroscope is in {unit}: its size shows it, or gravity, which turns as it says"
+        return (1.0 if unit == "rad/s" else _DEGREE), (note,)
     if not top:
         return _DEGREE, ()
     raise FormatError(
         f"{content.path.name} does not show whether its gyroscope is in deg/s or rad/s (the SDK logs both): give it, "
         f"such as `--columns 'acc=Acc_X:Acc_Y:Acc_Z[m/s^2],gyr=Gyr_X:Gyr_Y:Gyr_Z[deg/s]' --rate {1.0 / period_s:.0f}`."
     )
-
-
-def _compare_turns(t: Floats, gyr: Floats, turned: Floats) -> float | None:
-    """Return the scale of the rate by turns (N, 3) against the gyroscope (least squares); None if unclear."""
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        rate = turned / np.diff(t, prepend=np.nan)[:, None]
-    usable = np.isfinite(rate).all(axis=1) & (np.abs(gyr) < 1e5).all(axis=1)
-    rate, gyr = rate[usable], gyr[usable]
-    power, turned_power, product = float(np.sum(gyr**2)), float(np.sum(rate**2)), float(np.sum(rate * gyr))
-    if not power > 0.0 or not turned_power > 0.0 or product / np.sqrt(power * turned_power) < 0.7:
-        return None
-    return product / power

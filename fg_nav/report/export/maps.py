@@ -16,7 +16,7 @@ from xml.etree import ElementTree as Xml
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.report.charts import ELLIPSE_RADIUS, spread_rows
+from fg_nav.report.charts import Ellipses, spread_rows
 from fg_nav.report.export.track import DEGREE_DIGITS, FRAME, METER_DIGITS, POSITION, SIGMA, ExportTrack, Origin
 from fg_nav.text import to_json
 
@@ -35,20 +35,14 @@ SIGMA_NAMESPACE = "urn:fg-nav:strides"  # A name, not an address.
 def outline_ellipses(track: ExportTrack) -> tuple[Ints, Floats]:
     """Return footfalls (E,) evenly spread along the path, of those with a covariance, and their 95 % ellipses.
 
-    These are closed outlines (E, CORNERS, 3) m, counter-clockwise: p + r L (cos u, sin u), with P = L L^T and r that of
-    95 %.
+    These are closed outlines (E, CORNERS, 3) m, counter-clockwise.
     """
     cov = track.cov[:, :2, :2]
     claimed = np.flatnonzero(np.isfinite(cov).all(axis=(1, 2)))
-    row = claimed[spread_rows(len(claimed), MAX_ELLIPSES)] if len(claimed) else claimed
-    variance, axes = np.linalg.eigh(cov[row])
-    axes[:, :, 1] *= np.sign(np.linalg.det(axes))[:, None]  # right-handed, so that outlines turn left
-    around = np.linspace(0.0, 2 * np.pi, CORNERS)
-    circle = np.stack([np.cos(around), np.sin(around)], axis=1)
-    circle[-1] = circle[0]
-    semi = ELLIPSE_RADIUS * np.sqrt(np.maximum(variance, 0.0))
-    corner = np.repeat(track.footfalls[POSITION].to_numpy()[row][:, None, :], CORNERS, axis=1)
-    corner[:, :, :2] += np.einsum("eij,ej,cj->eci", axes, semi, circle)
+    row = claimed[spread_rows(len(claimed), MAX_ELLIPSES)]
+    place = track.footfalls[POSITION].to_numpy()[row]
+    corner = np.repeat(place[:, None, :], CORNERS, axis=1)
+    corner[:, :, :2] = Ellipses.of(place[:, :2], cov[row]).outline(CORNERS)
     return row, corner
 
 
