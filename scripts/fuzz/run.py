@@ -181,6 +181,8 @@ def print_fates(fates: Sequence[Fate]) -> None:
     words, rows = ("refused", "accepted", "trusted", "doubtful", UNUSABLE), []
     for kind in (*KINDS, "all"):
         some = [fate for fate in fates if kind in (fate.case.kind, "all")]
+        if not some:
+            continue
         said = Counter(word for fate in some for word in (fate.outcome, fate.said))
         counts = [len(some), *(said[word] for word in words), sum(bool(fate.faults) for fate in some)]
         rows.append([kind, *map(str, counts), f"{max((fate.seconds for fate in some), default=0.0):.1f}"])
