@@ -5,7 +5,7 @@
 
 ============================================= ======================================================================
 `ma2018`, `aiez2017`, `munoz-diaz2017` .json  results.json of `fg-nav lab reproduce PAPER`
-`benchmark.json`                              `python scripts/benchmark.py --save`, and with `--peers PYTHON`
+`benchmark.json`                              the peers, by `benchmark_peers.py` of commit b894e160
 any other                                     `python scripts/measure.py NAME --save`
 ============================================= ======================================================================
 

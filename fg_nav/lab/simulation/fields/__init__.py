@@ -16,7 +16,7 @@ sources   magnets and magnetized steel; stray currents in closed     mu_0 / 4 pi
           polygons                                                   Biot and Savart
 floor     a reinforced floor: random harmonic potential; for         fitted to real walks
           stairs, steel buried under the path
-building  pillars, lockers, door frames, beams next to a path;       fitted to real walks; `scripts/realism.py floors`
+building  pillars, lockers, door frames, beams next to a path;       fitted to real walks; docs/simulation.md
           `homogeneous`, `smooth`, `indoor`, `indoor-old`
 ========= ========================================================== ==============================================
 
