@@ -19,7 +19,7 @@ from tests.io.every_format import SAMPLES, files_of
 from tests.io.samples import tilting
 from tests.scripts import load_script
 
-mutations = load_script("fuzz_mutations")
+mutations = load_script("fuzz.mutations")
 
 RELAXED = settings(
     max_examples=30,
@@ -33,7 +33,7 @@ SHORT = tilting(np.random.default_rng(5), duration_s=0.4, rate_hz=100.0, still_s
 
 
 def damage(whole: bytes) -> st.SearchStrategy[bytes]:
-    """Break a file in one to three ways, as `scripts/fuzz.py` does."""
+    """Break a file in one to three ways, as `scripts/fuzz/run.py` does."""
     return SEEDS.map(lambda seed: mutations.mutate_bytes(whole, np.random.default_rng(seed))[0])
 
 
