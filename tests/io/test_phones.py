@@ -19,7 +19,6 @@ from tests.io.foreign_phones import (
     sensor_logger,
     sensorlog,
     write_files,
-    zip_files,
 )
 from tests.io.samples import tilting
 from tests.real_data import DATA, needs_data
@@ -29,12 +28,6 @@ RAW = tilting(np.random.default_rng(3), duration_s=3.0, rate_hz=100.0, still_s=1
 
 def read_files(files: Files, path: Path) -> RawRecording:
     return read_raw(write_files(files, path))
-
-
-def test_a_zip_of_a_folder_with_what_macos_adds(tmp_path: Path) -> None:
-    files = {f"2022-09-16/{place}": text for place, text in sensor_logger(RAW).items()}
-    files |= {f"__MACOSX/2022-09-16/._{place}": "\0\5" for place in sensor_logger(RAW)}
-    assert read_raw(zip_files(files, tmp_path / "walk.zip")).provenance.format == "sensor-logger"
 
 
 def test_phyphox_puts_pauses_back(tmp_path: Path) -> None:
