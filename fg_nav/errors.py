@@ -82,6 +82,6 @@ class OutputError(FgNavError):
     """A result could not be written, or would have overwritten one (`fg_nav.report`, `fg_nav.cli`)."""
 
 
-def describe_reason(error: OSError) -> str:
+def describe_reason(error: Exception) -> str:
     """Return why the system refused, in its words."""
-    return (error.strerror or type(error).__name__).lower()
+    return (getattr(error, "strerror", None) or str(error) or type(error).__name__).lower()

@@ -228,7 +228,7 @@ def find_end(walk: FollowedWalk, polish: bool) -> End:
     def format_lines() -> Iterator[str]:
         """Yield one line a footfall, and those of the batch solution where there is one, with the verdict on each."""
         for kind, one, verdict in ends:
-            heading = compute_stride_headings(one.stances) if sensor.options.is_pocket else None
+            heading = compute_stride_headings(one.stances) if navigator.options.mount == "pocket" else None
             yield from format_table(one.stances, navigator.intake.sensor_time, kind, heading, verdict)
 
     return End(summary, format_lines, write, partial(write_footfalls, solution=solution, summary=summary))
@@ -288,7 +288,7 @@ def save_end(end: End, target: Target, plots: Plots) -> OutputError | None:
 
 def note_losses(solution: Solution, sensor: Sensor, navigator: Navigator) -> Solution:
     """Add what was lost on the way to the notes, and what a nominal rate leaves open to the sigmas."""
-    rate_sigma = 0.0 if sensor.options.is_pocket else sensor.options.rate_sigma
+    rate_sigma = 0.0 if navigator.options.mount == "pocket" else sensor.options.rate_sigma
     polished = None if solution.polished is None else solution.polished.widen(rate_sigma)
     notes = (*solution.notes, *describe_losses(navigator.lost))
     return replace(solution.widen(rate_sigma), notes=notes, polished=polished)

@@ -1,13 +1,10 @@
 """The samples and footfalls of a walk in progress, parts of it as recordings with their stances, its options.
 
-`SampleBuffer` holds every sample once, for navigator and smoother; a `PartialWalk` the footfalls, and the
-samples up to one behind the newest. Samples, footfalls and stance intervals are counted from the first of the walk,
-discarded ones too.
+Samples, footfalls and stance intervals are counted from the first of the walk, discarded ones too.
 
-A part of a walk does not show everything about its sensor. Sample period and clipping levels are those of the walk when
-it was last cut out as a whole (`SensorState`). So are delay and axes of its magnetometer, until the delay is known
-well: what is cut out has its field at its stamps, and none in the last `tau`, or none at all. A part is corrected by
-the iron of the last solution; the whole is not, as the next one estimates it anew.
+A part of a walk does not show everything about its sensor. Sample period and clipping levels, delay and axes of the
+magnetometer are those of the walk when it was last cut out as a whole (`SensorState`). A part is corrected by the iron
+of the last solution; the whole is not, as the next one estimates it anew.
 """
 
 from __future__ import annotations
@@ -42,10 +39,7 @@ SAMPLES_BEFORE = 40  # A node, that are cut out with those after it: enough for 
 
 @dataclass(frozen=True, kw_only=True)
 class OnlineOptions:
-    """What a user can choose; raises `EstimationError` for fixes that cannot be.
-
-    A pocket makes use of `heading_rad`, that of the first two strides, `use_field`, `axes_given` and `step_constant_m`.
-    """
+    """What a user can choose; raises `EstimationError` for fixes that cannot be."""
 
     # Of the body's x axis at the first stance, clockwise from north. None where it is not known: then zero, or with the
     # field so that the mean field points north (from footfall 4 on, refined each time the walk is solved again).
@@ -67,15 +61,12 @@ class SampleBuffer:
     """Rows (12,) in order of time, `first <= i < stop`, in chunks: a long walk is never copied while it grows."""
 
     def __init__(self) -> None:
-        self._chunks: list[Floats] = []
-        self.first = self.stop = 0
+        self.skip_to(0)
 
     def skip_to(self, first: int) -> None:
         """Begin at a row, where none is there yet: those before it were discarded."""
         self.first = self.stop = first
-        self._chunks = []
-        if first % CHUNK:
-            self._chunks.append(np.full((CHUNK, TAKEN), -np.inf))
+        self._chunks = [np.full((CHUNK, TAKEN), -np.inf)] if first % CHUNK else []
 
     def append(self, rows: Floats) -> None:
         """Append rows (n, 12), or (n, 11) of which none is bad; field and pressure may be NaN, stamps rise."""
@@ -99,6 +90,11 @@ class SampleBuffer:
     def stamp(self, sample: int) -> float:
         """Return the stamp of a sample, s."""
         return float(self._chunk(sample // CHUNK)[sample % CHUNK, 0])
+
+    @property
+    def newest_s(self) -> float:
+        """Stamp of the newest sample, s; -inf before the first."""
+        return self.stamp(self.stop - 1) if self.stop > self.first else -np.inf
 
     def find_since(self, t: float, stop: int) -> int:
         """Return the first sample in [`first`, `stop`) with a stamp of t (s) or later; `stop` if there is none."""
@@ -167,10 +163,7 @@ class ReportedFootfall:
 
 
 class PartialWalk:
-    """Footfalls from number `first` on, those before discarded, and the samples `buffer.first <= i < stop` up to them.
-
-    The owner of the buffer fills it, behind `stop` too.
-    """
+    """Footfalls from number `first` on, those before discarded, and the samples before `stop` up to them."""
 
     def __init__(
         self,
@@ -210,14 +203,11 @@ class PartialWalk:
         """
         rows = self.buffer.between(max(self.stop - 1, self.buffer.first), footfall.until)
         begins = int(self._footfalls[-1].footfall.stop[-1]) if self._footfalls else 0
-        number = self.discarded + len(self._footfalls)
+        one, number = footfall.footfall, self.discarded + len(self._footfalls)
         # Its stances follow each other, the stillest sample within them.
-        one = footfall.footfall
-        ends = np.stack([one.start, one.stop], axis=1).ravel()
-        rise = np.diff(ends)
-        in_order = len(ends) > 0 and begins <= ends[0] and ends[-1] <= footfall.until
-        in_order = in_order and bool((rise[::2] > 0).all() and (rise >= 0).all())
-        if not (in_order and ((one.start <= one.stillest) & (one.stillest < one.stop)).any()):
+        rise = np.diff([begins, *np.stack([one.start, one.stop], axis=1).ravel(), footfall.until])
+        is_in_one = ((one.start <= one.stillest) & (one.stillest < one.stop)).any()
+        if not (is_in_one and (rise >= 0).all() and (rise[1::2] > 0).all()):
             raise EstimationError(
                 f"footfall {number} is not one: its stances must follow those before, within the samples, and the "
                 "stillest sample must be in one of them."
@@ -226,8 +216,8 @@ class PartialWalk:
             raise EstimationError(
                 f"samples of footfall {number} are not finite, or their stamps do not rise: leave them out."
             )
-        columns = rows[:, 1:4], rows[:, 4:7]
-        extreme = np.array([[part.max(axis=0, initial=0.0), -part.min(axis=0, initial=0.0)] for part in columns])
+        ends = rows[:, 1:7].max(axis=0, initial=0.0), -rows[:, 1:7].min(axis=0, initial=0.0)
+        extreme = np.stack(ends).reshape(2, 2, 3).swapaxes(0, 1)
         self.sensor = replace(self.sensor, extreme=np.maximum(self.sensor.extreme, extreme))
         self.stop = footfall.until
         self._footfalls.append(footfall)
@@ -262,7 +252,7 @@ class PartialWalk:
         return part if iron is None or part.mag is None else iron.apply_to(part)
 
     def cut_stances(self, first_footfall: int, first: int) -> Stances:
-        """Return the stances from `first_footfall` on, in samples from number `first` on; earlier intervals are cut.
+        """Return the stances from `first_footfall` on, in samples from number `first` on.
 
         Each piece of a long standing is a footfall of its own. The statistic is 0 at the stillest samples, else 1.
         """
@@ -300,8 +290,7 @@ class PartialWalk:
     def _of_sensor(self, part: Recording) -> Recording:
         """Return a part with period and clipping levels of the whole walk, clipped peaks raised by `peak_height`.
 
-        Where the whole had not clipped yet: at its own levels, if they are at the end of all readings so far. What is
-        flat in a part may be a person who stands.
+        Where the whole had not clipped yet: at its own levels, if they are at the end of all readings so far.
         """
         sensor = self.sensor
         if sensor.period_s is None or sensor.clipping is None:

@@ -1,16 +1,13 @@
 """What a walk in progress reports: estimates of its footfalls, revisions of its past, and both as lines of JSON.
 
-A `StanceEstimate` is one line, a `Revision` up to three kinds of lines before the next estimate; their keys, and the
-two more with two feet, are in docs/online.md. Sigmas are one standard deviation; what is not finite is null.
-
-The past of a walk is a `Past`: a row of numbers a footfall, and the nodes of the path through them.
+The keys of the lines are in docs/online.md. Sigmas are one standard deviation; what is not finite is null.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from itertools import compress
 from typing import Any, Literal, NamedTuple, TypeAlias
 
@@ -34,8 +31,6 @@ TURNED_RAD = float(np.radians(1.0))  # A smaller turn is one of many corrections
 MAX_POINTS = 200  # Of a revised path.
 DIGITS = 6  # After the point: a micrometre, a microdegree ...
 PAST_DIGITS = 3  # ... and of a revision a millimetre, a millidegree.
-
-SensorTime = Callable[[float], float]  # The sensor's own stamp, s, of a sample (`Intake.sensor_time`).
 
 
 @dataclass(frozen=True)
@@ -78,11 +73,10 @@ class StanceEstimate:
 
     def as_row(self, sample: int | None = None) -> EstimateRow:
         """Return it as a row of numbers (40,) and the words of its verdict; with another sample if that is given."""
-        of_motion = self.position, self.velocity, self.nav_R_body.ravel(), self.gyro_bias
-        sigmas = self.pose_cov.ravel(), self.gyro_bias_sigma
         begin = [self.sample if sample is None else sample, self.t]
-        numbers = np.concatenate([begin, *of_motion, *sigmas, [self.compass_weight]])
-        return EstimateRow(numbers, self.field, self.field_reason)
+        of_motion = self.position, self.velocity, self.nav_R_body.ravel(), self.gyro_bias
+        parts = *of_motion, self.pose_cov.ravel(), self.gyro_bias_sigma, [self.compass_weight]
+        return EstimateRow(np.concatenate([begin, *parts]), self.field, self.field_reason)
 
 
 def estimate_stance(
@@ -97,10 +91,9 @@ def estimate_stance(
     has_air: bool,
     floor: int | None = None,
 ) -> StanceEstimate:
-    """Return the estimate of a footfall in navigation axes, from its variables and their covariances in the graph.
+    """Return the estimate of a footfall in navigation axes, from its variables and their covariances (6, 6).
 
-    `body_cov`, `bias_cov` (6, 6) are in the tangent spaces of pose and bias. A `moving_foot` and a barometer
-    (`has_air`) add what the graph does not have: how they scale the walk.
+    A `moving_foot` and a barometer (`has_air`) add what the graph does not have: how they scale the walk.
     """
     position, attitude = np.asarray(pose.translation()), pose.rotation().matrix()
     pose_cov = in_nav(attitude[None], body_cov[None])[0]
@@ -144,8 +137,8 @@ def list_estimates(
     for stance, verdict in zip(stances, verdicts, strict=True):
         pose, bias = X(stance.result), B(stance.bias)
         state = values.atPose3(pose), values.atVector(V(stance.result)), values.atConstantBias(bias)
-        of_pose, of_bias = covariances[pose], covariances[bias]
-        rows.append(estimate_stance(stance, *state, of_pose, of_bias, verdict, moving_foot, has_air).as_row())
+        known = *state, covariances[pose], covariances[bias], verdict
+        rows.append(estimate_stance(stance, *known, moving_foot, has_air).as_row())
     return rows
 
 
@@ -187,29 +180,23 @@ def split_rows(rows: Sequence[EstimateRow]) -> RowColumns:
 
 def build_table(rows: Sequence[EstimateRow]) -> StanceTable:
     """Return the stance table of some estimates."""
-    known = split_rows(rows)
+    known = split_rows(rows)._asdict()
+    del known["velocity"]
     return StanceTable(
-        sample=known.sample,
-        t=known.t,
-        position=known.position,
-        nav_R_body=known.nav_R_body,
-        gyro_bias=known.gyro_bias,
-        position_cov=known.pose_cov[:, :3, :3],
-        heading_sigma=np.sqrt(known.pose_cov[:, 3, 3]),
-        gyro_bias_sigma=known.gyro_bias_sigma,
+        position_cov=known["pose_cov"][:, :3, :3],
+        heading_sigma=np.sqrt(known["pose_cov"][:, 3, 3]),
         field=tuple(row.field for row in rows),
         field_reason=tuple(row.field_reason for row in rows),
-        pose_cov=known.pose_cov,
-        compass_weight=known.compass_weight,
+        **known,
     )
 
 
 def select_rows(table: StanceTable, keep: Bools) -> StanceTable:
     """Return the rows of a table where `keep` (K,) is true."""
-    kept: dict[str, Any] = {item.name: getattr(table, item.name) for item in fields(table)}
-    for name, column in kept.items():
-        if isinstance(column, tuple | np.ndarray):
-            kept[name] = tuple(compress(column, keep)) if isinstance(column, tuple) else column[keep]
+    kept = dict[str, Any]()
+    for name, column in vars(table).items():
+        kept[name] = tuple(compress(column, keep)) if isinstance(column, tuple) else column
+        kept[name] = column[keep] if isinstance(column, np.ndarray) else kept[name]
     return StanceTable(**kept)
 
 
@@ -260,8 +247,9 @@ class PathNodes(NamedTuple):
             acc_bias,
         )
 
-    def cut(self, stop: int) -> PathNodes:
-        """Return the first `stop` nodes."""
+    def before(self, sample: int) -> PathNodes:
+        """Return the nodes before a sample."""
+        stop = int(np.searchsorted(self.sample, sample))
         return PathNodes._make(part[:stop] for part in self)
 
     def join(self, later: PathNodes) -> PathNodes:
@@ -282,15 +270,13 @@ class Past:
 
     def before(self, stance: StanceNodes) -> Past:
         """Return the estimates and nodes of the footfalls before this one."""
-        stop = int(np.searchsorted(self.nodes.sample, stance.samples[0]))
-        return Past(self.first, self.rows[: stance.number - self.first], self.nodes.cut(stop))
+        return Past(self.first, self.rows[: stance.number - self.first], self.nodes.before(stance.samples[0]))
 
     def join(self, later: Past) -> Past:
         """Return this past up to footfall `later.first`, and `later` from there on."""
         rows = self.rows[: later.first - self.first] + later.rows
-        begins = later.nodes.sample[0] if len(later.nodes.sample) else np.iinfo(np.int64).max
-        stop = int(np.searchsorted(self.nodes.sample, begins))
-        return Past(self.first, rows, self.nodes.cut(stop).join(later.nodes))
+        begins = int(later.nodes.sample[0]) if len(later.nodes.sample) else np.iinfo(np.int64).max
+        return Past(self.first, rows, self.nodes.before(begins).join(later.nodes))
 
 
 # --- lines -----------------------------------------------------------------------------------------------------------
@@ -299,11 +285,11 @@ class Past:
 def format_estimate(
     estimate: StanceEstimate,
     continues: bool,
-    sensor_time: SensorTime = lambda t: t,
+    sensor_time: Callable[[float], float] = lambda t: t,
     verdict: Verdict | None = None,
     kind: str = NOW,
 ) -> str:
-    """Return the JSON line of an estimate; `verdict` is that on the path up to it, None without."""
+    """Return the JSON line of an estimate; `sensor_time` as of `Intake`, `verdict` on the path up to it."""
     t, sensor_t = round(estimate.t, 9), round(sensor_time(estimate.t), 9)
     content: dict[str, object] = {
         "kind": kind,
@@ -364,30 +350,24 @@ def parse_estimate(content: Mapping[str, Any]) -> StanceEstimate:
 
 def format_table(
     table: StanceTable,
-    sensor_time: SensorTime = lambda t: t,
+    sensor_time: Callable[[float], float] = lambda t: t,
     kind: str = SMOOTHED,
     heading: Floats | None = None,
     verdict: Verdict | None = None,
 ) -> Iterator[str]:
     """Yield the JSON lines of the final estimates; `heading` (K,) rad, None for that of the body's x axis."""
     heading = compute_heading(table.nav_R_body) if heading is None else heading
+    same = "sample", "t", "position", "nav_R_body", "gyro_bias", "gyro_bias_sigma", "field", "field_reason"
     for k in range(len(table)):
         pose_cov = np.zeros((4, 4))
         pose_cov[:3, :3], pose_cov[3, 3] = table.position_cov[k], table.heading_sigma[k] ** 2
         estimate = StanceEstimate(
             number=k,
-            sample=int(table.sample[k]),
-            t=float(table.t[k]),
-            position=table.position[k],
-            nav_R_body=table.nav_R_body[k],
             heading=float(heading[k]),
             velocity=np.zeros(3),
-            gyro_bias=table.gyro_bias[k],
             pose_cov=pose_cov,
-            gyro_bias_sigma=table.gyro_bias_sigma[k],
             compass_weight=np.nan if table.compass_weight is None else float(table.compass_weight[k]),
-            field=table.field[k],
-            field_reason=table.field_reason[k],
+            **{name: getattr(table, name)[k] for name in same},
         )
         yield format_estimate(estimate, False, sensor_time, verdict, kind)
 
@@ -412,10 +392,7 @@ class Revision:
 def compare_pasts(
     before: Sequence[EstimateRow], after: Sequence[EstimateRow], first: int, retracted: Sequence[tuple[int, float]]
 ) -> Revision:
-    """Return the revision from one solution to the next: turn of the map, retracted lines, present path.
-
-    `before` are the rows of the footfalls from number `first` on, `after` from 0 on.
-    """
+    """Return the revision from the rows `before`, of the footfalls from number `first` on, to `after`, from 0 on."""
     old, new = split_rows(before), split_rows(after[first:])
     _, i, j = np.intersect1d(old.sample, new.sample, return_indices=True)
     turns = compute_heading(new.nav_R_body[j]) - compute_heading(old.nav_R_body[i])
@@ -472,28 +449,23 @@ class FootState:
 
 @dataclass(frozen=True)
 class FeetLine:
-    """What is reported of a foot or of the person; `frame` in which it is, `continues` of an estimate of a foot."""
+    """What is reported of a foot or of the person, and the frame in which it is."""
 
     foot: Who
     frame: Side
     content: StanceEstimate | Revision | PersonEstimate | FootState
-    continues: bool = False
 
 
-def format_feet_line(line: FeetLine) -> Iterator[str]:
-    """Yield the lines of JSON."""
-    match line.content:
-        case StanceEstimate() as estimate:
-            lines = iter([format_estimate(estimate, line.continues)])
-        case Revision() as revision:
-            lines = format_revision(revision)
-        case PersonEstimate() as person:
-            begin = {"kind": NOW, "stance": person.number, "continues": False, "t": round(person.t, 9)}
-            lines = iter([_dump(begin | _describe_pose(person.position, person.heading, person.pose_cov))])
-        case FootState() as state:
-            content = {"kind": "foot", "t": round(state.t, 9), "state": state.state, "reason": state.reason}
-            lines = iter([_dump(content)])
-    yield from (tag_line(one, line.foot, line.frame) for one in lines)
+def format_feet_line(line: FeetLine) -> str:
+    """Return the line of JSON on the person, or on the state of a foot."""
+    one = line.content
+    if isinstance(one, PersonEstimate):
+        begin = {"kind": NOW, "stance": one.number, "continues": False, "t": round(one.t, 9)}
+        content = begin | _describe_pose(one.position, one.heading, one.pose_cov)
+    else:
+        assert isinstance(one, FootState)
+        content = {"kind": "foot", "t": round(one.t, 9), "state": one.state, "reason": one.reason}
+    return tag_line(_dump(content), line.foot, line.frame)
 
 
 def tag_line(line: str, foot: Who, frame: Side) -> str:

@@ -4,10 +4,6 @@
     its walk, again    -> with the other foot's, in one graph               (`resolve`)
     two footfalls      -> the person between them                           (`PersonTracker`)
 
-Both are on one clock, but for an offset that is given; whether it fits is found by their first steps (`feet.clocks`).
-A foot that falls silent or is refused leaves the other going on alone, and joins again by its steps. Once the clock of
-one restarts, each is as it is alone.
-
 Halfway in time between two footfalls of different feet both stand, so that the person, the middle of both, is at
 
     p = (p_left + p_right) / 2,    P = (P_left + P_right) / 2 >= cov(p).
@@ -20,12 +16,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.detection.causal import CausalParameters
 from fg_nav.errors import EstimationError, FgNavError
 from fg_nav.feet import SIDES, Side
 from fg_nav.feet.clocks import Swings, match_swings
@@ -81,7 +75,6 @@ class FeetNavigator:
         self,
         options: OnlineOptions = OnlineOptions(),
         remark: Callable[[str], None] = lambda words: None,
-        detection: CausalParameters = CausalParameters(),
         clock_offset_s: float = 0.0,
         background: bool = False,
         right: OnlineOptions | None = None,
@@ -91,8 +84,8 @@ class FeetNavigator:
         A heading of the `options` is that of the left sensor; `right` are those of the right foot where its sensor is
         calibrated for itself. `clock_offset_s` is added to the stamps of the right foot.
         """
-        for name, refused in (("a lag", options.lag_s), ("fixes", options.fixes or None)):
-            if refused is not None:
+        for name, is_given in (("a lag", options.lag_s is not None), ("fixes", bool(options.fixes))):
+            if is_given:
                 raise EstimationError(f"{name} cannot be used with two feet: leave it out, or follow one foot.")
         if not np.isfinite(clock_offset_s):
             raise EstimationError(f"a clock offset of {clock_offset_s} s is no time: give a number.")
@@ -101,24 +94,23 @@ class FeetNavigator:
         self.offset_s: dict[Side, float] = {"left": 0.0, "right": clock_offset_s}  # that `push` adds to the stamps
         given: dict[Side, OnlineOptions] = {"left": options, "right": options if right is None else right}
         self._walks = WalksAlone()
-        self._process = SolverProcess({side: given[side] for side in SIDES}, detection.stance) if background else None
+        self._process = SolverProcess({side: given[side] for side in SIDES}) if background else None
 
-        def make_solver(side: Side, buffer: SampleBuffer) -> Solver:
-            here = FootSolver(side, self._walks, given[side], detection.stance, buffer)
-            return Solver(here, self._process, remark, side)
+        def begin(side: Side) -> OnlineNavigator:
+            """Begin the walk of a foot, which is solved with the other's."""
 
-        def remark_on(side: Side, words: str) -> None:
-            remark(f"{side} foot: {words}")
+            def make_solver(buffer: SampleBuffer) -> Solver:
+                here = FootSolver(side, self._walks, given[side], buffer)
+                return Solver(here, self._process, remark, side)
 
-        self.navigators = {
-            side: OnlineNavigator(given[side], partial(remark_on, side), detection, solver=partial(make_solver, side))
-            for side in SIDES
-        }
+            return OnlineNavigator(given[side], lambda words: remark(f"{side} foot: {words}"), solver=make_solver)
+
+        self.navigators = {side: begin(side) for side in SIDES}
         self.refused: dict[Side, str] = {}  # feet whose samples cannot be used, and why
         self._silent: set[Side] = set()
         self._begun = np.inf  # first stamp, s
         self._person = PersonTracker()
-        self._pending: dict[Side, Pending | None] = dict.fromkeys(SIDES)
+        self._pending: dict[Side, Pending | None] = dict.fromkeys(SIDES)  # solutions, and when they were begun, s
         self._begun_s = dict.fromkeys(SIDES, -np.inf)
         self._known: list[AnchorState | None] = [None, None]
 
@@ -140,9 +132,8 @@ class FeetNavigator:
         return [*self.label(side, found), *self.update_both(side)]
 
     def label(self, side: Side, found: Iterable[StanceEstimate | Revision]) -> list[FeetLine]:
-        """Wrap results in lines, each with its foot, its frame, and whether it continues the same stance."""
-        frame, continues = self.frame(side), self.navigators[side].reported_continues
-        return [FeetLine(side, frame, one, isinstance(one, StanceEstimate) and continues[one.number]) for one in found]
+        """Wrap results in lines, each with its foot and its frame."""
+        return [FeetLine(side, self.frame(side), one) for one in found]
 
     def frame(self, side: Side) -> Side:
         """Return the frame of a foot's lines: the left foot's, and the right foot's own until it is tied."""
@@ -168,7 +159,7 @@ class FeetNavigator:
             why = "its clock began again: each foot goes on alone, in a frame of its own"
             news.append(self._report_state(side, "parted", why))
         # The other foot is behind, or this one is back.
-        last, other = {one: self._find_last(one) for one in SIDES}, OTHER[side]
+        last, other = {one: self.navigators[one].buffer.newest_s for one in SIDES}, OTHER[side]
         if np.isfinite(last[side]):
             self._begun = min(self._begun, last[side])
             behind = last[side] - max(last[other], self._begun)
@@ -188,11 +179,11 @@ class FeetNavigator:
         """End the walk; return the lines of the footfalls that were still open, and the last revisions."""
         used = [side for side in SIDES if side not in self.refused and not self.navigators[side].has_ended]
         # the last solution of each foot is begun before either is taken: both walks are joined in it
-        open_lines = [line for side in used for line in self.label(side, self.navigators[side].begin_end())]
-        person_lines = list(self._follow_person())
-        revisions = [line for side in used for line in self.label(side, self.navigators[side].smoother.take_end())]
+        lines = [line for side in used for line in self.label(side, self.navigators[side].begin_end())]
+        lines += self._follow_person()
+        lines += [line for side in used for line in self.label(side, self.navigators[side].smoother.take_end())]
         self.stop_process()
-        return [*open_lines, *person_lines, *revisions, *self._follow_person()]
+        return [*lines, *self._follow_person()]
 
     def stop_process(self) -> None:
         """End the process that solves the walks in the background, and nothing else."""
@@ -203,9 +194,10 @@ class FeetNavigator:
         """End the walk and return what each foot, and both, come to; raises `FgNavError` where neither has a walk."""
         self.close()
         feet, lost = dict[Side, Solution](), dict(self.refused)
-        for side in (one for one in SIDES if one not in self.refused):
+        for side in SIDES:
             try:
-                feet[side] = self.navigators[side].finish()
+                if side not in self.refused:
+                    feet[side] = self.navigators[side].finish()
             except FgNavError as error:
                 lost[side] = str(error)
         if not feet:
@@ -231,7 +223,7 @@ class FeetNavigator:
         if pending is not self._pending[side]:
             self._pending[side] = pending
             if pending is not None:
-                self._begun_s[side] = self._find_last(side)
+                self._begun_s[side] = self.navigators[side].buffer.newest_s
                 if self._begun_s[side] - self._begun_s[OTHER[side]] > MAX_STEP_S:
                     other.resolve_soon(other.n_reported + 1)
 
@@ -259,11 +251,6 @@ class FeetNavigator:
                 f"--clock-offset {given + offset:.2f}"
             )
 
-    def _find_last(self, side: Side) -> float:
-        """Return the newest stamp of a foot, s; -inf before the first."""
-        buffer = self.navigators[side].buffer
-        return buffer.stamp(buffer.stop - 1) if buffer.stop > buffer.first else -np.inf
-
     def _follow_person(self) -> Iterator[FeetLine]:
         """Yield the person's path where a foot's has changed, and a step where there is a new one."""
         if self.is_parted:
@@ -285,15 +272,14 @@ class FeetNavigator:
             yield FeetLine("person", "left", step)
 
     def _report_state(self, side: Side, state: State, reason: str) -> FeetLine:
-        t = max(self._find_last(side) for side in SIDES)
+        t = max(one.buffer.newest_s for one in self.navigators.values())
         return FeetLine(side, self.frame(side), FootState(t if np.isfinite(t) else 0.0, state, reason))
 
 
 class FeetMerge:
     """Rows of two sources in the order of their stamps, in blocks of `BLOCK_S`; those of one source as they come.
 
-    Rows wait until the other foot's have come as far, unless that is silent for `HELD_S`, or stays behind for
-    `MAX_HELD` rows.
+    Rows wait until the other foot's have come as far, unless it is silent for `HELD_S`, or `MAX_HELD` rows behind.
     """
 
     def __init__(self, sides: Iterable[Side | None] = SIDES) -> None:

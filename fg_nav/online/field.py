@@ -1,14 +1,12 @@
 """The magnetic field of a walk in progress: the batch's states and factors, one footfall at a time.
 
-`OnlineField`: roughness of the potential and drift of the line integral are those of the last solution of the walk (the
-rounds of `smoother.field`). The other roughness follows from the last `RECENT` footfalls, as does the statistic of the
-gate that weighs the compass of the newest. Unlike in batch, verdict and noise of a footfall in the graph stay as they
-were.
+Roughness of the potential and drift of the line integral are those of the last solution of the walk (the rounds of
+`smoother.field`), the other roughness that of the last `RECENT` footfalls, as is the statistic of the gate.
 
-`find_north_sigma`: where no heading was given, north is where the mean field of the walk points. At a foot the field
-deviates across that of the Earth by delta (uT): from one footfall to the next by what lies in the floor, from one room
-to the next by what stands in it. Both are taken for stationary processes along the path, of the correlation lengths L
-and L_r. Over a path of s m the mean of such a process has the variance sigma^2 v(s / L),
+`find_north_sigma`: where no heading was given, north is where the mean field of the walk points. It deviates across
+that of the Earth from one footfall to the next by what lies in the floor, from one room to the next by what stands in
+it: two stationary processes along the path, of the correlation lengths L and L_r. Over a path of s m the mean of such a
+process has the variance sigma^2 v(s / L),
 
     v(x) = 2 (x - 1 + exp(-x)) / x^2,    v(0) = 1,    v -> 2 / x,
 
@@ -18,8 +16,7 @@ and north, with H the horizontal field,
     sigma^2 = (n_0 sigma_0^2 + sum e_k^2) / (n_0 + n - 1),    sigma_r = c sigma,
 
 e_k the deviation across the mean at the n footfalls so far. Few footfalls of one room agree and may all be wrong, so
-sigma begins from that of a reinforced floor, sigma_0. A short walk cannot show what rooms do: that is a share c. Before
-the field is in the graph the heading has the sigma of a uniform angle, pi / sqrt(3).
+sigma begins from that of a reinforced floor, sigma_0. A short walk cannot show what rooms do: that is a share c.
 
 `extend_with_north`: a north that is off by theta turns the walk about its origin. A position p from there is off by
 sin(theta) (up x p) - (1 - cos(theta)) p over the ground, with the second moments, theta normal,
@@ -103,8 +100,8 @@ class OnlineField:
     def measure(self, recording: Recording, stances: Stances, track: Trajectory, is_seen: bool) -> StrideField:
         """Return the mean field at the second of two footfalls and the line integral along the stride, as in batch.
 
-        Of the path at the samples, `track`, origin and heading make no difference. The field of a standing counts once:
-        at a further piece it is not seen.
+        Of the path at the samples, `track`, origin and heading make no difference. At a further piece of a standing
+        the field is not seen.
         """
         sample = stances.stillest(recording.gyr)
         try:
@@ -183,9 +180,6 @@ class OnlineField:
         deviation = deviate_along(rows[:, LEVEL], rows[:, REFERENCE])
         measured = measure_roughness(deviation, np.isfinite(deviation), rows[1:, DISTANCE])
         return replace(measured, potential=self._potential)
-
-
-# --- north ------------------------------------------------------------------------------------------------------------
 
 
 def find_north_sigma(across_uT: Floats, walked_m: float, strength_uT: float) -> float:

@@ -1,23 +1,13 @@
 """Follow the sensors of a walk to its end: rows in, lines out, each with the verdict on the path so far.
 
-    follow        sources -> rows -> navigators -> lines, until all sources have ended or an event is set
-    SensorWalk    the rows of one sensor to its navigator, and its lines; both are recorded on the way
-    LineVerdict   judges the path up to each line
+    record, sources -> rows -> `FeetMerge` -> SensorWalk -> its navigator -> LineVerdict -> record -> outlets
 
 A walk has sensors by side: that of one foot or pocket has one, without a side (None), that of two feet one on each. One
-loop reads all sources, in a thread of its own, while the main thread computes, so that signals interrupt that. Rows of
-two feet are taken in the order of their stamps (`FeetMerge`), and their lines have the keys `foot` and `frame`.
+loop reads all sources, in a thread of its own, while the main thread computes, so that signals interrupt that. In the
+status position and heading are null with two feet, floor and returns the left foot's, rate and losses those of both.
 
-A walk that is resumed is replayed: its recorded rows pass the same checks into a new navigator, without a word, and
-where the lines that were given end it is solved once (`record`). Then it goes on with what the source sends.
-
-Verdict: the limits are those of `fg_nav.verdict.limits`. A path that was spoiled stays so, and none is trusted before
-it has as many strides as make a walk, and the axes were seen in as many. Between two lines a new solution may move the
-map. A stride is measured within one map: where the past was revised, from its newest footfall in the new map; where the
-revision does not include it, the stride to the next line is not measured.
-
-The lines go to `fg_nav.view.outlets`. In the status position and heading are null with two feet, floor and returns are
-the left foot's, rate and losses those of both.
+Verdict: a path that was spoiled stays so. A stride is measured within one map: where the past was revised, from its
+newest footfall in the new map; where the revision does not include it, the stride to the next line is not measured.
 """
 
 from __future__ import annotations
@@ -26,11 +16,11 @@ import asyncio
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -58,6 +48,7 @@ from fg_nav.online.pocket import Navigator, begin_walk
 from fg_nav.online.record import Record
 from fg_nav.online.rows import Columns
 from fg_nav.online.sources import SampleSource
+from fg_nav.recording import NOMINAL_SIGMA
 from fg_nav.samples.delivery import LossCounter, Silence, describe_losses
 from fg_nav.text import find_version
 from fg_nav.verdict import limits
@@ -75,8 +66,6 @@ N_FASTEST = 4  # Strides, by the slowest of which the fastest is judged: who beg
 MAX_HEIGHTS = 32  # More than are made in the time over which their rate is measured.
 SAME_S = 1e-3  # Stamps of one footfall, of any clock: less than a sample apart.
 
-Judged: TypeAlias = tuple[StanceEstimate | Revision, Verdict | None]  # A line of a walk; the verdict on an estimate.
-
 
 @dataclass(frozen=True)
 class StreamOptions:
@@ -93,12 +82,7 @@ class StreamOptions:
     @property
     def rate_sigma(self) -> float:
         """Sigma of the rate by which stamps are counted, a share of it; 0 where rows have stamps."""
-        return 0.0 if self.columns is None else self.columns.rate_sigma
-
-    @property
-    def is_pocket(self) -> bool:
-        """Whether the sensor is in a pocket."""
-        return self.online.mount == "pocket"
+        return 0.0 if self.columns is None or self.columns.rate_hz is None else NOMINAL_SIGMA
 
 
 @dataclass(frozen=True)
@@ -131,8 +115,8 @@ def follow(
     """Follow the sources of a walk until they end or `stop` is set; lines and remarks go to the outlets.
 
     `clock_offset_s` is to be added to the stamps of the right foot. Raises `FormatError`, `RecordingError`,
-    `EstimationError` if the rows are of another format or unit, or the walk of the record cannot be resumed, of both
-    feet if that is so of both; `StreamError` if `stop` is set before a record is replayed.
+    `EstimationError` if the rows (of both feet) are of another format or unit, or the walk of the record cannot be
+    resumed; `StreamError` if `stop` is set before a record is replayed.
     """
     follower = _Follower(sensors, outlets, clock_offset_s)
     try:
@@ -157,13 +141,7 @@ class _Follower:
             self.navigators = {None: begin_walk(options.online, self._remark, background=options.background)}
         else:
             left, right = (sensors[side].options for side in SIDES)
-            self.feet = FeetNavigator(
-                left.online,
-                self._remark,
-                clock_offset_s=clock_offset_s,
-                background=left.background,
-                right=right.online,
-            )
+            self.feet = FeetNavigator(left.online, self._remark, clock_offset_s, left.background, right.online)
             self.navigators = {side: self.feet.navigators[side] for side in SIDES}
         self._walks = {
             side: SensorWalk(one, self.navigators[side], partial(self._emit, side), partial(self._remark, side=side))
@@ -178,16 +156,20 @@ class _Follower:
             loop, has_ended = runner.get_loop(), asyncio.Event()
             thread.submit(runner.run, has_ended.wait())
             try:
-                asyncio.run_coroutine_threadsafe(self._start_sources(), loop).result()
+                for sensor in self._sensors.values():
+                    loop.call_soon_threadsafe(sensor.source.start)
                 # The walk so far, from its record.
-                self._replay(stop)
+                self._is_replayed = True
+                resumed = [(side, walk.replay(stop)) for side, walk in self._walks.items()]
+                self._is_replayed = False
+                for side, words in resumed:
+                    if words:
+                        self._remark(words, side)
                 # What the sources send from here on: the time of the replay is no silence.
-                silence = {
-                    side: Silence(
-                        one.source.name, one.options.stalled_s, one.options.until_silent_s, self._outlets.remark
-                    )
-                    for side, one in self._sensors.items()
-                }
+                silence = dict[Side | None, Silence]()
+                for side, one in self._sensors.items():
+                    limits_s = one.options.stalled_s, one.options.until_silent_s
+                    silence[side] = Silence(one.source.name, *limits_s, self._outlets.remark)
                 while not stop.is_set() and set(self._open) - silent:
                     # Rows of the foot that is behind, or of the other where it has sent nothing.
                     for side in sorted(self._open, key=lambda one: self._merge.newest[one]):
@@ -208,10 +190,6 @@ class _Follower:
                     self._add_blocks()
             finally:
                 loop.call_soon_threadsafe(has_ended.set)
-
-    async def _start_sources(self) -> None:
-        for sensor in self._sensors.values():
-            sensor.source.start()
 
     async def _read(self, side: Side | None) -> Floats | None:
         """Return the rows of a sensor that have come, none after `WAIT_S`, None at its end."""
@@ -234,14 +212,6 @@ class _Follower:
         else:
             self._report(self.feet.close())
         self._show_status(ended=True)
-
-    def _replay(self, stop: threading.Event) -> None:
-        self._is_replayed = True
-        resumed = [(side, walk.replay(stop)) for side, walk in self._walks.items()]
-        self._is_replayed = False
-        for side, words in resumed:
-            if words:
-                self._remark(words, side)
 
     def _put(self, side: Side | None, rows: Floats, waited_s: float = 0.0) -> None:
         """Put rows by the clock of both feet where those of both are merged, or note for how long none has come."""
@@ -272,6 +242,7 @@ class _Follower:
             self._report(self.feet.update_both(side))
 
     def _end_source(self, side: Side | None) -> None:
+        """Put in what is left of a source at its end."""
         self._open.remove(side)
         try:
             self._put(side, self._sensors[side].source.finish())
@@ -290,9 +261,8 @@ class _Follower:
         for line in lines:
             if line.foot != "person" and isinstance(line.content, StanceEstimate | Revision):
                 self._walks[line.foot].report([line.content])
-                continue
-            for text in format_feet_line(line):
-                self._outlets.emit(text)
+            else:
+                self._outlets.emit(format_feet_line(line))
 
     def _emit(self, side: Side | None, line: str) -> None:
         tagged = line if self.feet is None or side is None else tag_line(line, side, self.feet.frame(side))
@@ -318,11 +288,11 @@ def describe_walk(navigators: Sequence[Navigator]) -> dict[str, Any]:
     """Return what the samples so far show of a walk; the pose, of one sensor alone, costs some milliseconds."""
     first = navigators[0]
     pose = first.pose() if len(navigators) == 1 else None
-    stamps = [one.buffer.stamp(one.buffer.stop - 1) for one in navigators if one.buffer.stop > one.buffer.first]
+    t = max(one.buffer.newest_s for one in navigators)
     heading_deg = None if pose is None else float(np.degrees(float(compute_heading(pose.nav_R_body[-1]))) % 360.0)
     ends = [(one.t[0], one.t[-1], one.earlier_t.min(), one.earlier_t.max()) for one in first.returns]
     return {
-        "t": round(max(stamps), DIGITS) if stamps else None,
+        "t": round(t, DIGITS) if np.isfinite(t) else None,
         "standing": all(one.stands for one in navigators),
         "position_m": None if pose is None else np.round(pose.position[-1], DIGITS),
         "heading_deg": None if heading_deg is None else round(heading_deg, DIGITS),
@@ -337,19 +307,13 @@ class SensorWalk:
     def __init__(self, sensor: Sensor, navigator: Navigator, emit: Say, remark: Say) -> None:
         self._sensor, self._navigator, self._emit, self._remark = sensor, navigator, emit, remark
         options, record = sensor.options, sensor.record
-        self._check = SourceCheck("pocket" if options.is_pocket else "foot", remark)
-        self._verdict = LineVerdict(options.is_pocket, remark, options.rate_sigma)
+        self._check = SourceCheck("pocket" if options.online.mount == "pocket" else "foot", remark)
+        self._verdict = LineVerdict(options.online.mount == "pocket", remark, options.rate_sigma)
         self._losses = LossCounter(remark)
         if record is not None:
-            record.begin(
-                {
-                    "version": find_version(),
-                    "options": options.online,
-                    "calibration": options.calibration,
-                    "columns": options.columns,
-                    "mag_axes": None if options.mag_axes is None else str(options.mag_axes),
-                }
-            )
+            axes = None if options.mag_axes is None else str(options.mag_axes)
+            about = {"version": find_version(), "options": options.online, "calibration": options.calibration}
+            record.begin({**about, "columns": options.columns, "mag_axes": axes})
 
     def replay(self, stop: threading.Event) -> str:
         """Bring the walk to where its record ends, and emit its past, and the lines not given yet; return a remark."""
@@ -368,21 +332,23 @@ class SensorWalk:
                     )
                 self._push(part[start : start + REPLAYED])
         self.report(navigator.end_replay())
-        if record.header is not None:
-            self._sensor.source.resume(record.header)
-        walked = f"{len(navigator.footfalls)} {'strides' if self._sensor.options.is_pocket else 'stances'}"
-        return f"resumed from {record.path.name}: {walked}, {navigator.buffer.stop} samples."
+        reader, unit = self._sensor.source.reader, "strides" if navigator.options.mount == "pocket" else "stances"
+        if reader is not None and record.header is not None:
+            reader.resume(record.header)
+        walked = f"{len(navigator.footfalls)} {unit}, {navigator.buffer.stop} samples"
+        return f"resumed from {record.path.name}: {walked}."
 
     def add(self, rows: Floats, at_end: bool = False) -> None:
         """Record and push rows (n, 11), and emit the lines that they complete."""
-        record = self._sensor.record
+        record, reader = self._sensor.record, self._sensor.source.reader
         if record is not None:
-            rows = record.add(rows, self._sensor.source.header, at_end)
+            rows = record.add(rows, None if reader is None else reader.header, at_end)
             if record.is_interrupted:
                 self._navigator.intake.resume()
         self._push(rows)
 
     def _push(self, rows: Floats) -> None:
+        """Check, correct and push rows (n, 11), and emit the lines that they complete."""
         if not len(rows):
             return
         self._check.push(rows)
@@ -405,7 +371,8 @@ class SensorWalk:
 
     def count_lost(self) -> dict[str, int]:
         """Return what was lost so far."""
-        return self._losses.report(self._sensor.source.lost)
+        losses = self._losses
+        return {"samples": losses.samples, "came": losses.came, "datagrams": self._sensor.source.lost}
 
     def count_losses(self) -> None:
         """Count what was lost in all, and remark it."""
@@ -434,17 +401,9 @@ class SensorWalk:
 
 
 class LineVerdict:
-    """Judges the lines of a walk, in their order, and the `axes` of its samples.
+    """Judges the lines of a walk, in their order, and the `axes` of its samples; `rate_sigma` as of `StreamOptions`."""
 
-    In a pocket a line is two steps, and places are less certain. `rate_sigma` is as of `StreamOptions`.
-    """
-
-    def __init__(
-        self,
-        in_pocket: bool = False,
-        remark: Callable[[str], None] = lambda words: None,
-        rate_sigma: float = 0.0,
-    ) -> None:
+    def __init__(self, in_pocket: bool = False, remark: Say = lambda words: None, rate_sigma: float = 0.0) -> None:
         self._in_pocket, self._rate_sigma = in_pocket, rate_sigma
         self.axes = AxesCheck(remark, "pocket" if in_pocket else "foot")
         self._begun: float | None = None
@@ -454,9 +413,11 @@ class LineVerdict:
         self._fast = np.zeros((0, 3))  # Speed, time and end of the fastest strides, the fastest first.
         self._heights = np.zeros((0, 2))
 
-    def judge(self, found: Sequence[StanceEstimate | Revision], continues: Sequence[bool]) -> list[Judged]:
+    def judge(
+        self, found: Sequence[StanceEstimate | Revision], continues: Sequence[bool]
+    ) -> list[tuple[StanceEstimate | Revision, Verdict | None]]:
         """Return the lines, each estimate with the verdict on the path up to it; `continues` is that of all lines."""
-        judged: list[Judged] = []
+        judged: list[tuple[StanceEstimate | Revision, Verdict | None]] = []
         for one in found:
             if isinstance(one, Revision):
                 is_newest = len(one.path) > 0 and abs(one.path[-1, 0] - self._last[0]) < SAME_S

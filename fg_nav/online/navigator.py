@@ -3,9 +3,8 @@
     samples -> intake -> buffer -> causal stances -> footfall -> online smoother -> estimate
 
 The smoother uses the samples up to one behind the footfall, so that nothing depends on how the samples came in blocks.
-An estimate is that of the moment when the footfall was complete, and is reported once; `smoothed` returns the present
-estimates of all of them. At the end these are the result, with a path through the nodes of the graph: strapdown between
-two nodes, bent to meet the second. With a lag samples are discarded, and the path is known at footfalls only.
+At the end the present estimates of all footfalls are the result, with a path through the nodes of the graph: strapdown
+between two nodes, bent to meet the second. With a lag samples are discarded, and the path is known at footfalls only.
 """
 
 from __future__ import annotations
@@ -15,13 +14,13 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from time import perf_counter
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
-from fg_nav.detection.causal import CausalParameters, CausalStances, Footfall, join_footfalls
+from fg_nav.detection.causal import CausalStances, Footfall, join_footfalls
 from fg_nav.detection.rest import freeze_ends
 from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError
@@ -44,9 +43,6 @@ if TYPE_CHECKING:
     from fg_nav.online.record import GivenLines
 
 METHOD = "online"
-
-SolverMaker: TypeAlias = Callable[[SampleBuffer], Solver]
-
 ESTIMATORS = "its lines are of iSAM2 on the newest footfalls, its files of the last solution of the whole walk"
 SAME_S = 1e-6  # Stamps of a line and of its footfall differ by the digits of a line.
 MAX_FREE_S = 3.0  # A stride and the wait for its footfall; a free strapdown is metres off by then.
@@ -70,10 +66,8 @@ class SampleIntake(ABC):
         """Add samples and return the estimates that they complete, and what they take back, in order.
 
         t, acc, gyr, mag, pressure are (n,) s, (n, 3) m/s^2, (n, 3) rad/s, (n, 3) uT and (n,) Pa, n >= 0; what cannot
-        be used is left out (`fg_nav.samples.intake`).
-
-        Raises `RecordingError` where the first seconds show that a unit is wrong, `EstimationError` after the end, and
-        in a pocket where there is no up to begin with.
+        be used is left out (`fg_nav.samples.intake`). Raises `RecordingError` where the first seconds show that a unit
+        is wrong, `EstimationError` after the end, and in a pocket where there is no up to begin with.
         """
         if self.has_ended:
             raise EstimationError("this walk has ended: begin a new one for more samples.")
@@ -99,11 +93,6 @@ class SampleIntake(ABC):
     def end_replay(self) -> list[StanceEstimate | Revision]:
         """Return what a resumed walk takes back of its lines, with its past, once its samples are there again."""
 
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What was left out or odd, in words."""
-        return self.intake.notes
-
     @abstractmethod
     def _add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:
         """Put rows into the buffer, and estimate by them."""
@@ -121,27 +110,23 @@ class OnlineNavigator(SampleIntake):
         self,
         options: OnlineOptions = OnlineOptions(),
         remark: Callable[[str], None] = lambda words: None,
-        detection: CausalParameters = CausalParameters(),
         background: bool = False,
-        solver: SolverMaker | None = None,
+        solver: Callable[[SampleBuffer], Solver] | None = None,
     ) -> None:
-        """Begin a walk.
+        """Begin a walk; `remark` is given, in a sentence, what is odd about the samples, once for each kind of oddity.
 
-        `remark` is given, in a sentence, what is odd about the samples, once for each kind of oddity. With `background`
-        the walk is solved again in another process, so that no footfall waits for that. `solver` makes the solver of
-        the whole walk, of its samples; None for the walk of one foot.
+        With `background` the walk is solved again in another process, so that no footfall waits for that. `solver`
+        makes the solver of the whole walk, of its samples; None for the walk of one foot.
         """
         super().__init__(remark)
-        self.options, self.detection = options, detection
-        self._stances = CausalStances(detection)
+        self.options, self._stances = options, CausalStances()
         if solver is not None:
             self._solver = solver(self.buffer)
         else:
-            process = SolverProcess({None: options}, detection.stance) if background else None
-            self._solver = Solver(WalkSolver(options, detection.stance, self.buffer), process, remark)
-        self.smoother = OnlineSmoother(options, self.buffer, detection.stance, self._solver)
-        self._remark, self._waits, self._warned = remark, False, False
-        self._handed = 0
+            process = SolverProcess({None: options}) if background else None
+            self._solver = Solver(WalkSolver(options, self.buffer), process, remark)
+        self.smoother = OnlineSmoother(options, self.buffer, solver=self._solver)
+        self._remark, self._waits, self._warned, self._handed = remark, False, False, 0
         self._given: GivenLines | None = None  # While a walk that was resumed comes again,
         self._open: deque[StanceEstimate] = deque()  # those of its lines whose footfalls are still to come.
 
@@ -193,7 +178,7 @@ class OnlineNavigator(SampleIntake):
             stances=table,
             runtime_s=self._busy_s + perf_counter() - began,
             parameters=asdict(p),
-            notes=(*window.initial.notes, ESTIMATORS, *ends, *self.notes),
+            notes=(*window.initial.notes, ESTIMATORS, *ends, *self.intake.notes),
             graph=dict(window.initial.counts),
             moment=select_rows(self.causal(), ~np.array(self.reported_continues, dtype=np.bool_)),
             recording=recording,
@@ -203,23 +188,22 @@ class OnlineNavigator(SampleIntake):
     def polish(self, progress: Callable[[float], None] | None = None, stances: Stances | None = None) -> Solution:
         """End the walk and solve it as a whole in batch; without its field where that fails.
 
-        `progress` is called with the fraction that is done; `stances` are of `recording()`, where they are known.
-        Raises `RecordingError`, `DetectionError`, `EstimationError` where there was no walk, with a lag, or where it
-        has no solution.
+        `stances` are of `recording()`, where they are known. Raises `RecordingError`, `DetectionError`,
+        `EstimationError` where there was no walk, with a lag, or where it has no solution.
         """
         self.close()
-        recording, options, is_known = self.recording(), self.options, stances is not None
-        use_field, given = options.use_field, options.axes_given
-        aligned = align_magnetometer(recording, given) if use_field else AlignedMagnetometer(recording)
-        recording = aligned.recording
-        stances = detect_stances(recording, self.detection.stance) if stances is None else stances
-        measured = measure_online_field(recording, stances, options)
-        notes = () if is_known else (*aligned.notes, *measured.notes)
+        recording, options, why = self.recording(), self.options, ""
+        aligned = AlignedMagnetometer(recording)
+        if options.use_field:
+            aligned = align_magnetometer(recording, options.axes_given)
+        found_stances = detect_stances(aligned.recording) if stances is None else stances
+        measured = measure_online_field(aligned.recording, found_stances, options)
+        notes = (*aligned.notes, *measured.notes) if stances is None else ()
+        given = measured.recording, found_stances, options.parameters, options.heading_rad, progress
         fixes = tuple(fix for fix in options.fixes if fix.time_s <= recording.t[-1])
-        p, heading, why = options.parameters, options.heading_rad, ""
         for field in (None,) if measured.field is None else (measured.field, None):
             try:
-                found = smooth(measured.recording, stances, p, heading, progress, field, fixes)
+                found = smooth(*given, field, fixes)
             except UNSOLVED as error:
                 why = why or str(error).strip().partition("\n")[0]
                 continue
@@ -245,7 +229,7 @@ class OnlineNavigator(SampleIntake):
         last = StrapdownPath(*(part[-1:] for part in self.smoother.propagate(until)))
         if until == self.buffer.stop:
             return last
-        return last._replace(t=np.array([self.buffer.stamp(self.buffer.stop - 1)]), velocity=np.zeros((1, 3)))
+        return last._replace(t=np.array([self.buffer.newest_s]), velocity=np.zeros((1, 3)))
 
     @property
     def stands(self) -> bool:
@@ -306,7 +290,7 @@ class OnlineNavigator(SampleIntake):
                 if not self._waits:
                     self._remark(f"the walk does not begin yet: {error}")
                 self._waits = True
-                self.smoother = OnlineSmoother(self.options, self.buffer, self.detection.stance, self._solver)
+                self.smoother = OnlineSmoother(self.options, self.buffer, solver=self._solver)
         return found
 
     def _add(self, footfall: Footfall) -> list[StanceEstimate | Revision]:

@@ -3,16 +3,12 @@
     samples -> intake -> blocks of `BLOCK_S` -> orientation and steps (`pocket.online`)
             -> their path so far (`pocket.dead_reckoning`) -> estimate
 
-The functions are those of the batch (`fg_nav.pocket.navigate`), with the orientation from the past alone
-(docs/pocket.md). The blocks are those of the stamps, so that nothing depends on how the samples came. An estimate is
-where the body is at the end of a stride, and its heading is that of the stride.
-
-Every estimate adds up all steps so far, with the axes of the thigh as they are known then. In the first strides they
-are uncertain, so the path turns about its origin; a degree and more is a `Revision`. Their uncertainty is in the
-covariances here (`AXIS_SIGMA_DEG`), unlike in batch, which has the axes of all the walk. So is what the filter learned
-of the heading later. While the gait does not show front and back, a heading that was not given is unknown.
-
-Over a gap a person walks at up to `pocket.online.WALKER_M_S` in any direction.
+The blocks are those of the stamps, so that nothing depends on how the samples came. An estimate is where the body is at
+the end of a stride, and its heading is that of the stride. Every estimate adds up all steps so far, with the axes of
+the thigh as they are known then. In the first strides they are uncertain, so the path turns about its origin; a degree
+and more is a `Revision`. Their uncertainty is in the covariances here (`AXIS_SIGMA_DEG`), unlike in batch, which has
+the axes of all the walk. So is what the filter learned of the heading later. While the gait does not show front and
+back, a heading that was not given is unknown.
 """
 
 from __future__ import annotations
@@ -25,10 +21,10 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.detection.causal import CausalParameters, Footfall
+from fg_nav.detection.causal import Footfall
 from fg_nav.detection.mount import refuse_foot
 from fg_nav.frames import yaw_rotation
-from fg_nav.magnetic.axes import align_magnetometer
+from fg_nav.magnetic.axes import AlignedMagnetometer, align_magnetometer
 from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.estimates import TURNED_RAD, Revision, StanceEstimate, StrapdownPath, build_table, thin_rows
 from fg_nav.online.navigator import METHOD, NO_ROWS, OnlineNavigator, SampleIntake
@@ -138,7 +134,7 @@ class PocketNavigator(SampleIntake):
         """Return position and course at the last sample, as a path of one row: those of the newest line, if any."""
         if not self._reported:
             return None
-        last, t = self._reported[-1], self.buffer.stamp(self.buffer.stop - 1)
+        last, t = self._reported[-1], self.buffer.newest_s
         course = yaw_rotation(np.pi / 2 - last.heading)
         return StrapdownPath(np.array([t]), last.position[None], last.velocity[None], course[None])
 
@@ -179,7 +175,7 @@ class PocketNavigator(SampleIntake):
             solution,
             method=METHOD,
             runtime_s=self._busy_s + perf_counter() - began,
-            notes=(*thigh.notes, *notes, *self.notes),
+            notes=(*thigh.notes, *notes, *self.intake.notes),
             moment=self.causal(),
         )
 
@@ -187,11 +183,12 @@ class PocketNavigator(SampleIntake):
         """End the walk and solve it as a whole in batch; errors as of `finish`."""
         self.close()
         recording, options = self.recording(), self.options
-        aligned = align_magnetometer(recording, options.axes_given) if options.use_field else None
-        recording = recording if aligned is None else aligned.recording
+        aligned = AlignedMagnetometer(recording)
+        if options.use_field:
+            aligned = align_magnetometer(recording, options.axes_given)
         given = options.heading_rad, options.step_constant_m
-        found = navigate_pocket(recording, "pocket", *given, progress=progress)
-        return found if aligned is None else replace(found, notes=(*aligned.notes, *found.notes))
+        found = navigate_pocket(aligned.recording, "pocket", *given, progress=progress)
+        return replace(found, notes=(*aligned.notes, *found.notes))
 
     def _add_blocks(self, at_end: bool) -> list[StanceEstimate | Revision]:
         """Process whole blocks, those with a later sample, `at_end` the rest too; return estimates and revisions."""
@@ -199,8 +196,7 @@ class PocketNavigator(SampleIntake):
         if not len(rows):
             return []
         block = np.floor((rows[:, 0] - self.buffer.stamp(0)) / BLOCK_S + 1e-6)
-        step = np.diff(rows[:, 0])
-        ends = 1 + np.flatnonzero((np.diff(block) > 0) | (step > MAX_GAP_S))
+        ends = 1 + np.flatnonzero((np.diff(block) > 0) | (np.diff(rows[:, 0]) > MAX_GAP_S))
         found: list[StanceEstimate | Revision] = []
         for end in (self._used + np.append(ends, [len(rows)] if at_end else [])).astype(int).tolist():
             if self._thigh is None:
@@ -231,8 +227,7 @@ class PocketNavigator(SampleIntake):
         forward = forward @ yaw_rotation(-clockwise)[:2, :2].T
         # The uncertainty of the axes turns all of the path; a given heading is that of the path, whatever the axes.
         axis_sigma = np.radians(AXIS_SIGMA_DEG) * (2.0 / len(forward)) ** 0.5 if thigh.is_forward_known else np.pi
-        axis_sigma = axis_sigma if given is None else 0.0
-        sigma = np.hypot(known.heading_sigma, axis_sigma)
+        sigma = np.hypot(known.heading_sigma, axis_sigma if given is None else 0.0)
         along = self._step_length.predict(known.steps)[:, None] * forward
         unseen = propagate_corrections(along, known.heading_sigma**2)
         unseen += known.lost_m2[:, None, None] * np.eye(2)
@@ -259,10 +254,9 @@ class PocketNavigator(SampleIntake):
         # The estimates, each with a footfall at the end of its stride.
         known = len(self._given) - len(self._reported)
         found = [self._make_estimate(len(self._reported) + self._gone + k, end, so_far) for k, end in enumerate(ends)]
-        self.footfalls += [
-            Footfall(np.array([end.sample]), np.array([end.sample + 1]), np.ones(1), end.sample, continues=False)
-            for end in ends
-        ]
+        for end in ends:
+            start = np.array([end.sample])
+            self.footfalls.append(Footfall(start, start + 1, np.ones(1), end.sample, continues=False))
         self._n_steps += [end.steps for end in ends]
         self._reported += found
         return [*revised, *found] if known <= 0 else [*found[known:]]
@@ -301,16 +295,10 @@ class PocketNavigator(SampleIntake):
 Navigator: TypeAlias = OnlineNavigator | PocketNavigator
 
 
-def begin_walk(
-    options: OnlineOptions,
-    remark: Callable[[str], None],
-    detection: CausalParameters = CausalParameters(),
-    background: bool = False,
-) -> Navigator:
+def begin_walk(options: OnlineOptions, remark: Callable[[str], None], background: bool = False) -> Navigator:
     """Return the navigator of a new walk, on a foot or in a pocket; arguments as of `OnlineNavigator`."""
-    if options.mount == "pocket":
-        return PocketNavigator(options, remark)
-    return OnlineNavigator(options, remark, detection, background)
+    is_pocket = options.mount == "pocket"
+    return PocketNavigator(options, remark) if is_pocket else OnlineNavigator(options, remark, background)
 
 
 def compute_stride_headings(table: StanceTable) -> Floats:

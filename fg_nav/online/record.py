@@ -1,16 +1,10 @@
 """The record of a stream, from which a walk that was killed goes on: its samples as they came, and the lines it gave.
 
-FILE has the samples (docs/online.md), FILE.lines the lines, those of a block of samples in one JSON array a line, so
-that it is whole or not there. Among the lines are `walk` (version and options; at the start and at each resume, with
-the number of samples before) and `header` (columns of the source).
-
-Samples are written before the lines that they complete, and these before anybody is given them, in one write for each
-block of samples: killed anywhere, no line is lost or given twice. (A line that is written and not printed yet when the
-process dies, some microseconds, is in FILE.lines alone.) What was cut off at the end of a file is cut away. What cannot
-be written, because the disk is full, waits and is tried again, and the walk goes on.
-
-Replayed, the samples bring everything that judges them to where it was; the lines say which footfalls were given, where
-and in which map.
+FILE has the samples, FILE.lines the lines (docs/online.md), among them `walk` (version and options; at the start and at
+each resume, with the number of samples before) and `header` (columns of the source). Samples are written before the
+lines that they complete, and these before anybody is given them, in one write for each block of samples. What was cut
+off at the end of a file is cut away. Replayed, the samples bring everything that judges them to where it was; the lines
+say which footfalls were given, where and in which map.
 """
 
 from __future__ import annotations
@@ -21,8 +15,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -59,59 +52,43 @@ WALK, COLUMN_NAMES = "walk", "header"  # Kinds of entries that are no lines of t
 class GivenLines:
     """The lines that a walk gave before it was interrupted, as estimates and revisions in their order."""
 
-    lines: tuple[StanceEstimate | Revision, ...]
-    continues: tuple[bool, ...]  # Of each estimate, whether it is a further piece of a standing.
+    lines: list[StanceEstimate | Revision] = field(default_factory=list)
+    estimates: list[StanceEstimate] = field(default_factory=list)  # Those of footfalls, by number; of each
+    continues: list[bool] = field(default_factory=list)  # whether it is a further piece of a standing,
+    turns: list[float] = field(default_factory=list)  # and by how much the map turned since, rad clockwise.
+    retracted: set[int] = field(default_factory=set)  # Numbers of the lines that were taken back.
 
     @classmethod
     def parse(cls, entries: Sequence[Mapping[str, Any]]) -> GivenLines:
         """Return those of the entries of a file of lines; raises `ValueError`, `KeyError`, `TypeError` for others."""
-        lines, continues = list[StanceEstimate | Revision](), list[bool]()
-        turned, gone = 0.0, list[tuple[int, float]]()
+        given, turned, gone = cls(), 0.0, list[tuple[int, float]]()
         for entry in entries:
             match entry["kind"]:
                 case "now":
-                    if entry["stance"] != len(continues):
+                    if entry["stance"] != len(given.estimates):
                         raise ValueError("the lines are not in order")
-                    lines.append(parse_estimate(entry))
-                    continues.append(bool(entry["continues"]))
+                    given.estimates.append(parse_estimate(entry))
+                    given.lines.append(given.estimates[-1])
+                    given.continues.append(bool(entry["continues"]))
+                    given.turns.append(0.0)
                 case "turned":
                     turned = float(np.radians(entry["angle_deg"]))
+                    given.turns[:] = [one + turned for one in given.turns]
                 case "retracted":
                     gone.append((int(entry["stance"]), float(entry["stance_t"])))
+                    given.retracted.add(gone[-1][0])
                 case "revised":
                     path = np.array(entry["path"], dtype=np.float64).reshape(-1, 4)
-                    lines.append(Revision(float(entry["t"]), turned, tuple(gone), path))
+                    given.lines.append(Revision(float(entry["t"]), turned, tuple(gone), path))
                     turned, gone = 0.0, []
-        return cls(tuple(lines), tuple(continues))
-
-    @cached_property
-    def estimates(self) -> tuple[StanceEstimate, ...]:
-        """Those of footfalls, by number."""
-        return tuple(one for one in self.lines if isinstance(one, StanceEstimate))
-
-    @cached_property
-    def turns(self) -> tuple[float, ...]:
-        """By how much the map turned since each estimate, rad clockwise."""
-        turns, turned = list[float](), 0.0
-        for one in reversed(self.lines):
-            if isinstance(one, Revision):
-                turned += one.turn
-            else:
-                turns.append(turned)
-        return tuple(reversed(turns))
-
-    @cached_property
-    def retracted(self) -> frozenset[int]:
-        """Numbers of the lines that were taken back."""
-        return frozenset(n for one in self.lines if isinstance(one, Revision) for n, _ in one.retracted)
+        return given
 
 
 class Record:
     """The files of a record, open and locked.
 
     The walk of an older record goes on (`resumes`), or it is replaced with the first sample (`force`). Raises
-    `OutputError` if there is one and neither is asked, or a file cannot be opened, and `FormatError` if a record to go
-    on with is none of ours.
+    `OutputError` without either, or if a file cannot be opened, `FormatError` if a record is none of ours.
     """
 
     def __init__(self, path: Path, resumes: bool, force: bool, remark: Callable[[str], None]) -> None:
@@ -160,10 +137,7 @@ class Record:
         yield from np.split(rows, [walk["samples"] for walk in self._walks if walk["is_interrupted"]])
 
     def add(self, rows: Floats, header: list[str] | None, at_end: bool = False) -> Floats:
-        """Record samples (n, 11) of a source; return those that were not recorded before.
-
-        At the end of the source none is held on to find out.
-        """
+        """Record samples (n, 11) of a source; return those that were not recorded before, `at_end` held ones too."""
         self.is_interrupted, overlap = False, self._overlap
         if overlap is not None:
             rows, self._comes_again = overlap.select_new(rows, at_end), overlap.skips
@@ -204,9 +178,11 @@ class Record:
     def _read(self) -> Floats:
         """Return the recorded samples (n, 11), without what was cut off at their end; read their lines."""
         name, elsewhere = self.path.name, "name another file to record into"
-        if not self._samples.begins_with_header():
-            raise FormatError(f"{name} was not recorded by this command: {elsewhere}.")
-        # The lines.
+        with self.path.open("rb") as file:
+            if not HEADER.encode().startswith(file.read(len(HEADER))):  # or with a part of it, and has no more
+                raise FormatError(f"{name} was not recorded by this command: {elsewhere}.")
+        # The lines, and the samples up to the last whole one.
+        is_begun, rows = self._samples.cut_last_line(), np.empty((0, COLUMNS))
         try:
             text = self._lines.path.read_text(encoding="ascii").rpartition("\n")[0]
             entries = [entry for line in text.splitlines() for entry in json.loads(line)]
@@ -216,26 +192,19 @@ class Record:
                     raise ValueError("this is no beginning of a walk")
             header = [str(one) for one in headers[-1]["columns"]] if headers else None
             given = GivenLines.parse(entries)
-        except (ValueError, KeyError, TypeError):
+            if is_begun:
+                rows = rows_of(FORMATS["canonical"].read(read_content(self.path)))
+        except (FormatError, ValueError, KeyError, TypeError):
             walks, header, given = [], None, None
-        # The samples; a walk that was killed before there were any begins anew.
-        if not self._samples.cut_last_line():
-            if given is None or given.lines:
-                raise FormatError(f"{self._lines.path} is there, and the samples of its walk are not: {elsewhere}.")
-            return np.empty((0, COLUMNS))
-        if given is None or not walks:
-            raise FormatError(
-                f"{self._lines.path} is damaged or not there, and without it the walk of {name} cannot go on: "
-                f"{elsewhere}."
-            )
-        self._walks, self.header, self.given = walks, header, given
-        self._lines.cut_last_line()
-        try:
-            return rows_of(FORMATS["canonical"].read(read_content(self.path)))
-        except FormatError:
-            raise FormatError(
-                f"{name} holds rows that are no samples, and its walk cannot go on: {elsewhere}."
-            ) from None
+        # A walk that was killed before there were any samples begins anew.
+        if not is_begun and (given is None or given.lines):
+            raise FormatError(f"{self._lines.path} is there, and the samples of its walk are not: {elsewhere}.")
+        if is_begun and (given is None or not walks):
+            raise FormatError(f"{name} or {self._lines.path} is damaged or not there: {elsewhere}.")
+        if is_begun:
+            self._walks, self.header, self.given = walks, header, given
+            self._lines.cut_last_line()
+        return rows
 
 
 class _AppendedFile:
@@ -246,14 +215,12 @@ class _AppendedFile:
         try:
             self._file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
             lock(self._file)
+            os.truncate(self._file, os.fstat(self._file).st_size)  # no device can be cut
         except BlockingIOError:
             raise OutputError(f"another stream records into {path}: name another file to record into.") from None
         except OSError as error:
             reason = describe_reason(error)
             raise OutputError(f"{path} cannot be written ({reason}): name another file to record into.") from None
-        if not path.is_file():
-            os.close(self._file)
-            raise OutputError(f"{path} is no file that samples can be recorded into: name another one.")
         self._good = 0  # Bytes that are whole.
         self._waiting = deque[tuple[str, int]]()  # Whole lines, and how many samples or lines of a walk they hold.
         self._retry_at: float | None = None  # While it cannot be written.
@@ -264,18 +231,9 @@ class _AppendedFile:
         if self._good == 0:
             os.truncate(self._file, 0)
 
-    def begins_with_header(self) -> bool:
-        """Return whether it begins with its header, or with a part of it and has no more."""
-        return self._header.encode().startswith(os.pread(self._file, len(self._header), 0))
-
     def cut_last_line(self) -> bool:
         """Go on behind the last line that has an end; return whether more than the header is before that."""
-        size = os.fstat(self._file).st_size
-        tail, begin = b"", size
-        while b"\n" not in tail and begin:
-            begin = max(begin - (1 << 16), 0)
-            tail = os.pread(self._file, size - begin, begin)
-        self._good = begin + tail.rfind(b"\n") + 1
+        self._good = self.path.read_bytes().rfind(b"\n") + 1
         os.truncate(self._file, self._good)
         return self._good > len(self._header)
 

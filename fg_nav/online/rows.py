@@ -1,8 +1,5 @@
 """Samples in the text of a stream: lines of fields with commas between; a header or the user names the columns.
 
-    Columns    which field is what, in which unit; `parse_columns` makes them of the user's words
-    RowReader  bytes in pieces of any length -> samples (n, 11): t, acc, gyr, mag, pressure in s, m/s^2, rad/s, uT, Pa
-
 Lines are read one by one, 50 000 a second; the first bad one is named.
 """
 
@@ -21,10 +18,10 @@ from fg_nav.columns.mapping import ACC, CANONICAL, GYR, MAG, PASSED_OVER, PRESSU
 from fg_nav.columns.samples import SI_UNITS
 from fg_nav.errors import FormatError, StreamError
 from fg_nav.io.tables import find_column
-from fg_nav.recording import NOMINAL_SIGMA
 from fg_nav.samples.plausibility import find_unit_problems, keep_air
 from fg_nav.samples.readings import COLUMNS
 
+OWN = frozenset(CANONICAL[:7])  # names of which a canonical header has some
 MAX_LINE = 1 << 16  # bytes; a longer line has lost its end
 MIN_NAMES = 6  # of a header, force and rate; fewer words are a message of the device
 LINES_TO_REMARK = 20  # before the header; fewer were left in a device's buffer
@@ -43,11 +40,6 @@ class Columns:
     rate_hz: float | None = None  # Of rows without a stamp, whose stamps are counted by it; None where they have one.
     mapping: str | None = None  # The user's words, where they name columns of a header to come, or numbers of fields.
 
-    @property
-    def rate_sigma(self) -> float:
-        """Relative sigma of the nominal rate by which stamps are counted; 0 where rows have stamps."""
-        return 0.0 if self.rate_hz is None else NOMINAL_SIGMA
-
 
 def parse_columns(words: str | None, units: str | None = None, rate_hz: float | None = None) -> Columns | None:
     """Return the columns that the user names (`fg_nav.columns.mapping`), None without; raises `StreamError`."""
@@ -60,9 +52,9 @@ def parse_columns(words: str | None, units: str | None = None, rate_hz: float | 
         wanted = mapping.parse_columns(words, units)
     except FormatError as error:
         raise StreamError(str(error)) from None
-    missing = [quantity for quantity in ("acc", "gyr") if quantity not in wanted.words]
-    if missing:
-        raise StreamError(f"--columns lacks {missing[0]}: write it as {mapping.EXAMPLE}.")
+    for quantity in ("acc", "gyr"):
+        if quantity not in wanted.words:
+            raise StreamError(f"--columns lacks {quantity}: write it as {mapping.EXAMPLE}.")
     if rate_hz is not None and not 0.0 < rate_hz < np.inf:
         raise StreamError(f"--rate {rate_hz:g} is no rate: give samples a second.")
     if "time" not in wanted.words and rate_hz is None:
@@ -71,7 +63,7 @@ def parse_columns(words: str | None, units: str | None = None, rate_hz: float | 
         raise StreamError("--rate is for rows without a stamp, and --columns names one: leave one of them out.")
     if wanted.width is None:
         return Columns((), rate_hz=rate_hz, mapping=words)
-    return _place_columns(wanted, [str(k + 1) for k in range(wanted.width)], rate_hz, "--columns")
+    return _place_columns(wanted, list(map(str, range(1, wanted.width + 1))), rate_hz, "--columns")
 
 
 def _place_columns(wanted: mapping.Columns, fields: Sequence[str], rate_hz: float | None, source: str) -> Columns:
@@ -88,16 +80,13 @@ def _place_columns(wanted: mapping.Columns, fields: Sequence[str], rate_hz: floa
 
 
 class RowReader:
-    """Parses bytes, in pieces of any length, into samples (n, 11).
+    """Parses bytes, in pieces of any length, into samples (n, 11): t, acc, gyr, mag, pressure in SI, mag in uT.
 
     Without `columns` the first line that names canonical columns is the header, or the end of one if the source began
     before; where it was lost, rows of 7, 10 or 11 numbers are in canonical order if units and axes are then those of a
     sensor, and all of them are kept. Then each line is a row. One that has another number of fields, or a field that is
-    no number, is left out and counted in `bad`; an empty field is NaN.
-
-    A line that names columns again is a header too. Behind one of other names, as where a sensor restarts with other
-    software, rows are left out until one names those of before again. Where only its end is missing, or one name is
-    damaged, the order stays.
+    no number, is left out and counted in `bad`; an empty field is NaN. Of a further header (docs/online.md) that lacks
+    its end, or has one damaged name, the order stays.
 
     Raises `FormatError` from `read`, if no header comes, or the first one lacks a column, or names others than before
     the walk resumed.
@@ -118,16 +107,16 @@ class RowReader:
         # What a first header lacks; rows without one, until their order is clear.
         self._problem: FormatError | None = None
         self._headless: list[list[str]] = []
-        # The columns that the user names; their words, where a header or the first row shows their places.
-        self._wanted = columns
-        words = None if columns is None else columns.mapping
-        self._mapping = None if words is None else mapping.parse_columns(words)
-        if columns is not None and columns.mapping is None:
+        # The user's words for the columns, where a header or the first row shows their places, and the user's rate.
+        self._mapping, self._rate_hz = None, None if columns is None else columns.rate_hz
+        if columns is not None and columns.mapping is not None:
+            self._mapping = mapping.parse_columns(columns.mapping)
+        elif columns is not None:
             self._use(columns)
 
     def resume(self, header: Sequence[str]) -> None:
         """Use the header from before an interruption; one that comes again must name the same columns, in any order."""
-        if self._columns is None and self._wanted is None:
+        if self._columns is None and self._mapping is None:
             self._use(Columns(tuple(header)), header)
             self._is_confirmed = False
 
@@ -137,23 +126,21 @@ class RowReader:
         return None if self._columns is None else list(self._columns.names)
 
     def read(self, piece: bytes, away_s: float = 0.0) -> Floats:
-        """Return the samples (n, 11) whose rows end in this piece: t, acc, gyr, mag, pressure (NaN without one).
+        """Return the samples (n, 11) whose rows end in this piece.
 
         `away_s` is how long the source was not connected before the piece: a row that was cut off then is left out, and
         counted stamps go on behind it.
         """
         if away_s > 0.0:
             self._rest, self._is_too_long = b"", False
-            rate_hz = None if self._columns is None else self._columns.rate_hz
-            self._counted += round(away_s * (rate_hz or 0.0))
+            self._counted += round(away_s * (self._rate_hz or 0.0)) if self._columns is not None else 0
         if self._is_too_long:
             _, end, piece = piece.partition(b"\n")
             self._is_too_long = not end
         *lines, self._rest = (self._rest + piece).split(b"\n")
         rows = [row for line in lines for row in self._read_line(line)]
-        if len(self._rest) > MAX_LINE:
-            self._line += 1
-            self._leave_out(f"it is longer than {MAX_LINE} bytes")
+        if len(self._rest) > MAX_LINE:  # left out already, up to the end that is to come
+            self._read_line(self._rest)
             self._rest, self._is_too_long = b"", True
         return np.array(rows, dtype=np.float64).reshape(-1, COLUMNS)
 
@@ -161,7 +148,7 @@ class RowReader:
         """Return the samples (n, 11) left at the end, none of a last line that `is_cut`; raises `FormatError`."""
         rows = self.read(b"" if is_cut or not self._rest else b"\n")
         if self._columns is None and len(self._headless) >= MIN_HEADLESS:
-            rows = np.array(self._read_headless(), dtype=np.float64).reshape(-1, COLUMNS)
+            rows = np.array(self._read_headless()).reshape(-1, COLUMNS)
         if self._columns is None:
             raise self._problem or FormatError(f"{self.name} ended before a header came: {HINT}.")
         return rows
@@ -176,8 +163,7 @@ class RowReader:
         if fields == [""]:
             return []
         if self._columns is not None:
-            row = self._read_row(fields, self._columns)
-            return [] if row is None else [row]
+            return self._read_row(fields, self._columns)
         rows = self._find_header(fields) if self._mapping is None else self._find_mapped(fields, self._mapping)
         if self._columns is None:
             self._waited += 1
@@ -193,9 +179,9 @@ class RowReader:
 
     def _find_header(self, fields: list[str]) -> list[list[float]]:
         """Use the first header; keep rows before it, and return those whose values show that they are canonical."""
-        if not set(CANONICAL[:7]).isdisjoint(fields):
+        if not OWN.isdisjoint(fields):
             try:
-                self._use(columns := _name_columns(fields), columns.names)
+                self._use(columns := _name_columns(fields if fields[-1] else fields[:-1]), columns.names)
             except FormatError as error:
                 if self._line > 1:
                     raise
@@ -231,28 +217,24 @@ class RowReader:
         if problems or is_no_air or (np.diff(table[:, 0]) <= 0).any():
             return []
         columns = self._assume(width)
-        return [row for fields in kept if (row := self._read_row(fields, columns)) is not None]
+        return [row for fields in kept for row in self._read_row(fields, columns)]
 
     def _find_mapped(self, fields: list[str], wanted: mapping.Columns) -> list[list[float]]:
         """Find the user's columns in a header, or by number in a first row; return that row's sample, if it is one."""
         is_row = any(map(is_number, fields))
         try:
-            columns = self._place(wanted, [str(k + 1) for k in range(len(fields))] if is_row else fields)
+            names = list(map(str, range(1, len(fields) + 1))) if is_row else fields
+            columns = _place_columns(wanted, names, self._rate_hz, self.name)
         except FormatError as error:
             self._problem = self._problem if is_row and self._problem else error
             return []
         self._use(columns, None if is_row else fields)
-        row = self._read_row(fields, columns) if is_row else None
-        return [] if row is None else [row]
-
-    def _place(self, wanted: mapping.Columns, names: Sequence[str]) -> Columns:
-        assert self._wanted is not None
-        return _place_columns(wanted, names, self._wanted.rate_hz, self.name)
+        return self._read_row(fields, columns) if is_row else []
 
     # --- rows, and further headers -----------------------------------------------------------------------------------
 
-    def _read_row(self, fields: list[str], columns: Columns) -> list[float] | None:
-        """Return the sample (11 numbers, SI) of a row; None for a repeated header, and for what is no row."""
+    def _read_row(self, fields: list[str], columns: Columns) -> list[list[float]]:
+        """Return the one sample (11 numbers, SI) of a row; none of a repeated header, and of what is no row."""
         width = len(columns.names)
         if len(fields) == width + 1 and not fields[-1]:
             fields.pop()  # a separator at the end of the row
@@ -271,25 +253,27 @@ class RowReader:
                 if columns.rate_hz:
                     row[0] = self._counted / columns.rate_hz
                     self._counted += 1
-                return row
-        if not set(CANONICAL[:7]).isdisjoint(fields) or is_header(fields):
-            problem = self._read_names(fields, columns)
+                return [row]
+        names = fields if fields[-1] else fields[:-1]  # a separator at the end
+        if not OWN.isdisjoint(names) or is_header(names):
+            problem = self._read_names(names, columns)
         if problem:
             self._leave_out(problem)
-        return None
+        return []
 
     def _read_names(self, fields: list[str], before: Columns) -> str:
         """Use a header behind the first one, or behind a resume; return why not, "" where the order stays."""
-        is_canonical, why = not set(CANONICAL[:7]).isdisjoint(fields), "it names other columns"
+        is_own, why = not OWN.isdisjoint(fields), "it names other columns"
         columns, wanted = None, self._mapping
         try:
-            if is_canonical:
+            if is_own:
                 columns = _name_columns(fields)
                 self._use(columns, columns.names)
             elif wanted is not None and not all(word.isdigit() for words in wanted.words.values() for word in words):
-                self._use(columns := self._place(wanted, fields), fields)  # numbers would fit any header
+                columns = _place_columns(wanted, fields, self._rate_hz, self.name)  # numbers would fit any header
+                self._use(columns, fields)
         except FormatError as error:
-            columns, why = None, f"it is no header ({str(error).partition(':')[0]})" if is_canonical else why
+            columns, why = None, f"it is no header ({str(error).partition(':')[0]})" if is_own else why
         if columns is not None:
             if not self._is_confirmed and set(MAG).isdisjoint(fields) != set(MAG).isdisjoint(before.names):
                 raise FormatError(f"{self.name} names other columns than before the walk resumed: begin another walk.")
@@ -298,15 +282,14 @@ class RowReader:
         # Behind one of other names rows are left out, unless it is damaged or has no end.
         self._names = known = self._names or tuple(fields)
         if len(fields) >= len(before.names):
-            names = fields if fields[-1] else fields[:-1]
-            is_known = len(names) == len(known) and sum(map(str.__ne__, names, known)) <= 1
+            is_known = len(fields) == len(known) and sum(map(str.__ne__, fields, known)) <= 1
             if not is_known and not self._is_foreign:
                 self.remark(
                     f"the header in line {self._line} of {self.name} names other columns "
-                    f"({mapping.shorten_names(names, 12)}): rows are left out until one names those of before."
+                    f"({mapping.shorten_names(fields, 12)}): rows are left out until one names those of before."
                 )
             self._is_foreign = not is_known
-        return why if is_canonical or self._is_foreign else ""
+        return why if is_own or self._is_foreign else ""
 
     def _use(self, columns: Columns, names: Sequence[str] | None = None) -> None:
         """Set the columns of the rows, and the names of the header that they are from."""
@@ -325,18 +308,16 @@ class RowReader:
         self._counted += 1
 
 
-def _name_columns(fields: list[str]) -> Columns:
-    """Columns of a canonical header, without the empty name behind a separator at its end; pressure may be in hPa."""
-    names = fields if fields[-1] else fields[:-1]
+def _name_columns(names: Sequence[str]) -> Columns:
+    """Columns of a canonical header; pressure may be in hPa."""
     hpa = f"{PRESSURE[0][:-2]}hpa"
     if hpa not in names or PRESSURE[0] in names:
         return Columns(tuple(names))
     return Columns(tuple(PRESSURE[0] if name == hpa else name for name in names), (*[1.0] * (COLUMNS - 1), 100.0))
 
 
-def is_header(fields: list[str]) -> bool:
+def is_header(names: Sequence[str]) -> bool:
     """Whether a line is made of names: as many as a sample has, all different, text, and no number among them."""
-    names = fields if fields[-1] else fields[:-1]
     return len(set(names)) == len(names) >= MIN_NAMES and all(
         name.isprintable() and "\ufffd" not in name and any(map(str.isalpha, name)) and not is_number(name)
         for name in names

@@ -3,8 +3,6 @@
 Standard input, files and recordings are read when their rows are needed. The others do not wait (`LiveSource`): a task
 of the loop reads each into a queue while another thread computes the walk, for at 400 Hz a serial line would overflow
 after a tenth of a second, the system's buffer for datagrams after some seconds.
-
-One walk has one sender (`SenderLock`): the stamps of two sensors would make one walk of two.
 """
 
 from __future__ import annotations
@@ -17,7 +15,7 @@ import sys
 import time
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -27,7 +25,7 @@ from urllib.parse import urlsplit
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.errors import StreamError
+from fg_nav.errors import StreamError, describe_reason
 from fg_nav.io import read
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.rows import Columns, RowReader
@@ -59,18 +57,10 @@ class SampleSource(ABC):
 
     name: str
     lost = 0
-
-    @property
-    def header(self) -> list[str] | None:
-        """Names of the columns that it sends; None if it sends none, or before they are known."""
-        return None
+    reader: RowReader | None = None  # Of text.
 
     def start(self) -> None:
         """Begin to receive, in the running loop."""
-        return
-
-    def resume(self, header: Sequence[str]) -> None:
-        """Use the header from before an interruption, where a walk is resumed."""
         return
 
     @abstractmethod
@@ -89,31 +79,23 @@ class SampleSource(ABC):
 class TextSource(SampleSource):
     """Samples in lines of text."""
 
+    reader: RowReader
     away_s, _has_ended = 0.0, False  # How long it was not connected before the bytes that were received last.
 
     def __init__(self, reader: RowReader) -> None:
-        self.name, self._remark, self._reader = reader.name, reader.remark, reader
-
-    @property
-    def header(self) -> list[str] | None:
-        """See `SampleSource`."""
-        return self._reader.header
-
-    def resume(self, header: Sequence[str]) -> None:
-        """See `SampleSource`."""
-        self._reader.resume(header)
+        self.name, self._remark, self.reader = reader.name, reader.remark, reader
 
     async def read(self) -> Floats | None:
         """See `SampleSource`."""
         piece = await self._read_bytes()
         self._has_ended = piece is None
-        return None if piece is None else self._reader.read(piece, self.away_s)
+        return None if piece is None else self.reader.read(piece, self.away_s)
 
     def finish(self) -> Floats:
         """See `SampleSource`."""
-        rows = self._reader.finish(is_cut=not self._has_ended)
-        if self._reader.bad:
-            self._remark(f"{self._reader.bad} rows were left out in all.")
+        rows = self.reader.finish(is_cut=not self._has_ended)
+        if self.reader.bad:
+            self._remark(f"{self.reader.bad} rows were left out in all.")
         return rows
 
     @abstractmethod
@@ -125,10 +107,8 @@ class Replay(SampleSource):
     """The samples of a recording as of `fg_nav.io.read`, `speed` times as fast as they were measured."""
 
     def __init__(self, recording: Recording, speed: float, name: str) -> None:
-        self.name = name
-        self._rows = rows_of(recording)
+        self.name, self._rows, self._given = name, rows_of(recording), 0
         self._due = (recording.t - recording.t[0]) / speed
-        self._given = 0
         self._began: float | None = None
 
     async def read(self) -> Floats | None:
@@ -144,32 +124,20 @@ class Replay(SampleSource):
         return self._rows[first : self._given]
 
 
-def parse_speed(words: str) -> float:
-    """Return a speed in multiples of that of the walk; raises `StreamError` for what is no factor."""
-    try:
-        speed = np.inf if words == AS_FAST_AS_POSSIBLE else float(words)
-    except ValueError:
-        speed = np.nan
-    if not speed > 0.0:
-        raise StreamError(f"--speed {words} is no factor: give one above zero, or {AS_FAST_AS_POSSIBLE}.")
-    return speed
-
-
-# --- by name ---------------------------------------------------------------------------------------------------------
-
-
 def open_samples(word: str, columns: Columns | None, baud: int, speed: str | None, remark: Remark) -> SampleSource:
-    """Open a source of samples: the rows of `open_source`, or with a speed the samples of a recording.
-
-    Raises `StreamError`, `FormatError`, `RecordingError` if it cannot be opened, or is not what it is said to be.
-    """
+    """Open a source of samples: rows, or with a speed a recording; raises `FgNavError` if it cannot be opened."""
     if speed is None:
         return open_source(word, columns, baud, remark)
     if columns is not None:
         raise StreamError("--columns is for rows of a stream, and --speed replays a recording: leave one of them out.")
     if word == "-" or "://" in word:
         raise StreamError(f"--speed replays a recording, and {word} is none: name a file, or leave --speed out.")
-    return Replay(read(Path(word)), parse_speed(speed), Path(word).name)
+    factor = np.nan
+    with suppress(ValueError):
+        factor = np.inf if speed == AS_FAST_AS_POSSIBLE else float(speed)
+    if not factor > 0.0:
+        raise StreamError(f"--speed {speed} is no factor: give one above zero, or {AS_FAST_AS_POSSIBLE}.")
+    return Replay(read(Path(word)), factor, Path(word).name)
 
 
 def open_source(word: str, columns: Columns | None, baud: int, remark: Remark) -> TextSource:
@@ -180,18 +148,16 @@ def open_source(word: str, columns: Columns | None, baud: int, remark: Remark) -
         return Pipe(RowReader("standard input", remark, columns), sys.stdin.fileno())
     reader = RowReader(word, remark, columns)
     scheme = word.partition("://")[0].lower() if "://" in word else ""
+    kinds: dict[str, Callable[[RowReader, str, int], TextSource]]
+    kinds = {"tcp": TcpClient, "tcp-listen": TcpListener, "udp": Datagrams}
     try:
-        if scheme in ("tcp", "tcp-listen", "udp"):
-            try:
-                address = urlsplit(word)
-                host, port = address.hostname or "127.0.0.1", address.port
-            except ValueError:
-                port = None
+        if scheme in kinds:
+            port = None
+            with suppress(ValueError):
+                port = urlsplit(word).port
             if port is None:
                 raise StreamError(f"{word} has no port: give {scheme}://host:port.")
-            kinds: dict[str, Callable[[RowReader, str, int], TextSource]]
-            kinds = {"tcp": TcpClient, "tcp-listen": TcpListener, "udp": Datagrams}
-            return kinds[scheme](reader, host, port)
+            return kinds[scheme](reader, urlsplit(word).hostname or "127.0.0.1", port)
         if scheme:
             raise StreamError(
                 f"{word} is no source: give -, a file, a serial device, or tcp, tcp-listen or udp and ://host:port."
@@ -203,7 +169,7 @@ def open_source(word: str, columns: Columns | None, baud: int, remark: Remark) -
             return Pipe(reader, os.open(word, os.O_RDONLY | os.O_NONBLOCK))  # or it waits for a writer
         return GrowingFile(RowReader(Path(word).name, remark, columns), Path(word))
     except (OSError, UnicodeError) as error:  # the other is of a host that is no name
-        reason = (getattr(error, "strerror", None) or str(error) or type(error).__name__).lower()
+        reason = describe_reason(error)
         raise StreamError(f"{word} cannot be opened ({reason}): check its name, and that it is there.") from None
 
 
@@ -265,7 +231,7 @@ class LiveSource(TextSource):
     def __init__(self, reader: RowReader) -> None:
         super().__init__(reader)
         self._waiting: deque[tuple[float, bytes]] = deque()
-        self._size = 0
+        self._size, self._senders = 0, SenderLock(self.name, self._remark)
 
     def start(self) -> None:
         """See `SampleSource`."""
@@ -278,18 +244,14 @@ class LiveSource(TextSource):
         await self._has_come.wait()
         if not self._waiting:
             self._task.result()  # raises what ended it
-        self.away_s = 0.0
-        pieces, size = list[bytes](), 0
-        while self._waiting and not (pieces and (self._waiting[0][0] > 0.0 or size + len(self._waiting[0][1]) > PIECE)):
-            away_s, piece = self._waiting.popleft()
-            self.away_s += away_s
-            size += len(piece)
-            pieces.append(piece)
-        self._size -= size
+        self.away_s, data = self._waiting.popleft()
+        while self._waiting and self._waiting[0][0] == 0.0 and len(data) + len(self._waiting[0][1]) <= PIECE:
+            data += self._waiting.popleft()[1]
+        self._size -= len(data)
         if not self._waiting and not self._task.done():
             self._has_come.clear()
         self._has_room.set()
-        return b"".join(pieces)
+        return data
 
     @abstractmethod
     async def _receive(self) -> None:
@@ -298,7 +260,7 @@ class LiveSource(TextSource):
     def _put(self, away_s: float, piece: bytes) -> None:
         """Put what came after so long without a connection into the queue."""
         self._waiting.append((away_s, piece))
-        self._size += len(piece)
+        self._size, self._senders.last = self._size + len(piece), time.monotonic()
         self._has_come.set()
 
 
@@ -306,10 +268,9 @@ class SenderLock:
     """Keeps a walk to one sender: the first one, and that of its host once the first is silent."""
 
     def __init__(self, name: str, remark: Remark) -> None:
-        self._name, self._remark = name, remark
+        self._name, self._remark, self._others = name, remark, set[str]()
         self._host, self._port = "", 0  # A sender that was switched off and on has another port.
-        self.last = -float("inf")  # When the sender has sent something, by the monotonic clock.
-        self._others: set[str] = set()
+        self.last = -np.inf  # When the sender has sent something, by the monotonic clock.
 
     def accept(self, host: str, port: int, is_gone: bool = False) -> float | None:
         """Return how long the sender was away, s; None for another one. `is_gone`: the one before has ended."""
@@ -337,11 +298,7 @@ class Datagrams(LiveSource):
         super().__init__(reader)
         kind = socket.AF_INET6 if ":" in host else socket.AF_INET
         self._socket = socket.socket(kind, socket.SOCK_DGRAM)
-        try:
-            self._socket.bind((host, port))
-        except OSError:
-            self._socket.close()
-            raise
+        self._socket.bind((host, port))
         self._socket.setblocking(False)
         # A large buffer, and the count of datagrams without room. Without the right to force a buffer, the system gives
         # as much as it allows to anybody.
@@ -351,7 +308,6 @@ class Datagrams(LiveSource):
         for option, value in options:
             with suppress(OSError):
                 self._socket.setsockopt(socket.SOL_SOCKET, option, value)
-        self._senders = SenderLock(self.name, self._remark)
         self._lost_in_system = self._lost_in_queue = 0
 
     def close(self) -> None:
@@ -382,7 +338,7 @@ class Datagrams(LiveSource):
                 elif away_s is not None:
                     self._lost_in_queue += 1
         was_complete, self.lost = self.lost == 0, self._lost_in_system + self._lost_in_queue
-        if self.lost and was_complete:
+        if was_complete and self.lost:
             size = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
             self._remark(
                 f"datagrams from {self.name} are lost here: this machine has too much to do, or its buffer of "
@@ -393,7 +349,7 @@ class Datagrams(LiveSource):
 class ConnectedSource(LiveSource):
     """A connection to a sensor, opened again whenever it breaks; the walk goes on."""
 
-    _remarked = -float("inf")  # When a remark was made on it.
+    _remarked = -np.inf  # When a remark was made on it.
 
     @abstractmethod
     async def _connect(self) -> Connection:
@@ -439,17 +395,18 @@ class SerialDevice(ConnectedSource):
 
     def __init__(self, reader: RowReader, baud: int) -> None:
         super().__init__(reader)
-        path, missing = self.name, "pyserial is not installed: pip install 'fg-nav[serial]'."
+        missing = "pyserial is not installed: pip install 'fg-nav[serial]'."
         try:
             import serial
-        except ImportError:
-            raise StreamError(f"{path} is a serial device, and {missing}") from None
-        self._open: Callable[[], Any] = partial(serial.serial_for_url, path, baud, timeout=0)
-        try:
+
+            self._open: Callable[[], Any] = partial(serial.serial_for_url, self.name, baud, timeout=0)
             self._first: Any = self._open()
+        except ImportError:
+            raise StreamError(f"{self.name} is a serial device, and {missing}") from None
         except (OSError, ValueError) as error:
-            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise StreamError(f"{path} cannot be opened as a serial device ({reason}): check it and --baud.") from None
+            reason = str(error).partition("\n")[0]
+            words = f"{self.name} cannot be opened as a serial device ({reason}): check it and --baud."
+            raise StreamError(words) from None
 
     async def _connect(self) -> Connection:
         port, self._first = self._first or self._open(), None
@@ -470,9 +427,7 @@ class TcpClient(ConnectedSource):
         socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
 
     async def _connect(self) -> Connection:
-        reader, writer = await asyncio.open_connection(*self._address)
-        _keep_alive(writer)
-        return partial(reader.read, PIECE), writer.close
+        return _link(*await asyncio.open_connection(*self._address))
 
 
 class TcpListener(ConnectedSource):
@@ -482,7 +437,6 @@ class TcpListener(ConnectedSource):
         super().__init__(reader)
         kind = socket.AF_INET6 if ":" in host else socket.AF_INET
         self._listener = socket.create_server((host, port), family=kind)
-        self._senders = SenderLock(self.name, self._remark)
         self._writer: asyncio.StreamWriter | None = None  # Of the newest connection.
 
     def close(self) -> None:
@@ -500,15 +454,7 @@ class TcpListener(ConnectedSource):
                 self._accepted.get_nowait()[1].close()
 
     async def _connect(self) -> Connection:
-        reader, writer = await self._accepted.get()
-        _keep_alive(writer)
-
-        async def read() -> bytes:
-            piece = await reader.read(PIECE)
-            self._senders.last = time.monotonic()
-            return piece
-
-        return read, writer.close
+        return _link(*await self._accepted.get())
 
     async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Take a connection if it is that of the sensor, in place of its old one, else end it."""
@@ -524,11 +470,12 @@ class TcpListener(ConnectedSource):
         self._accepted.put_nowait((reader, writer))
 
 
-def _keep_alive(writer: asyncio.StreamWriter) -> None:
-    """Have the system find out where the other end is gone without a word."""
+def _link(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> Connection:
+    """Return a TCP connection; the system finds out where its other end is gone without a word."""
     connection: socket.socket = writer.get_extra_info("socket")
     with suppress(OSError):  # it is gone already
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         for name, value in KEEPALIVE.items():
             if hasattr(socket, name):
                 connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
+    return partial(reader.read, PIECE), writer.close

@@ -1,23 +1,17 @@
 """Strides of a walk in progress, measured by the functions of the batch (`smoother.strides`), one at a time; floors.
 
-A stride's window has the samples of the footfall before and of the new one, with some before for context. Its nodes are
-numbered from 0, those of the walk from its first; `StrideWindow` has both.
+The heading of a graph in progress is held by all strides before, so that a position fix off by more than its sigmas
+would bend the walk instead of turning it: it waits for the next solution of the whole walk (`smoother.constraints`).
 
-Position fixes are added with the stride of their time, to the nearest node. The heading of a graph in progress is held
-by all strides before, so that a fix off by more than its sigmas would bend the walk instead of turning it: it waits for
-the next solution of the whole walk, which is turned to it (`smoother.constraints`).
-
-Floors: `FloorTrack` has that of the newest footfall, 0 where the walk began, +1 the next above, -1 the next below. A
-walk that is solved as a whole shows level floors (`smoother.heights`) and their heights; footfalls since are followed
-by their heights z, m, less a drift that all of them share and that those on a floor show:
+Floors: a walk that is solved as a whole shows level floors (`smoother.heights`) and their heights; footfalls since are
+followed by their heights z, m, less a drift that all of them share and that those on a floor show:
 
     on a floor       while z changes by less than `STEP_M` from one footfall to the next, and is within `SAME_M` of it
     on none          otherwise: on stairs or a ramp, or in a lift
     on one again     once `FEWEST` footfalls are within `STEP_M`: on the nearest within `SAME_M`, else on a new one
 
 Floors are numbered from the start outward, up and down: the next number begins `STOREY_M` above the lowest floor of the
-one before, and a landing from `LANDING_M` on below that has none. So a kerb, and a floor that is met again at another
-height, begin no new number; a storey that is passed without four footfalls on it is left out.
+one before, and a landing from `LANDING_M` on below that has none.
 """
 
 from __future__ import annotations
@@ -123,21 +117,14 @@ class StrideWindow:
 
 def list_stances(nodes: Nodes, t: Floats) -> list[StanceNodes]:
     """Return the footfalls of a whole walk with samples at `t` (N,) s."""
-    at = t[nodes.sample[nodes.result]]
-    begun = at[np.searchsorted(nodes.bias, nodes.bias)]
+    sample = nodes.sample[nodes.result]
+    begun = t[sample][np.searchsorted(nodes.bias, nodes.bias)]
+    numbers = nodes.first[:-1], nodes.first[1:], nodes.result, nodes.bias, begun, sample, t[sample]
     return [
-        StanceNodes(
-            number=k,
-            first=int(nodes.first[k]),
-            stop=int(nodes.first[k + 1]),
-            result=int(nodes.result[k]),
-            bias=int(nodes.bias[k]),
-            bias_begun_s=float(begun[k]),
-            sample=int(nodes.sample[nodes.result[k]]),
-            t=float(at[k]),
-            samples=tuple(nodes.sample[nodes.first[k] : nodes.first[k + 1]].tolist()),
+        StanceNodes(k, first, stop, result, bias, since, at, t_at, tuple(nodes.sample[first:stop].tolist()))
+        for k, (first, stop, result, bias, since, at, t_at) in enumerate(
+            zip(*(one.tolist() for one in numbers), strict=True)
         )
-        for k in range(len(nodes.result))
     ]
 
 
@@ -204,21 +191,19 @@ def initialize_stride(
     one piece, and the second-order error of that turn comes once, not with every stride. Dead reckoning alone would
     leave a tilt whose square is a turn, the same with every stride; it starts at this `bias`.
     """
-    pose_key, velocity_key = X(window.before.stop - 1), V(window.before.stop - 1)
-    bias_key, sole_key = B(window.before.bias), S(window.before.bias)
-    fixed = gtsam.Values()
-    fixed.insert(pose_key, linearized.atPose3(pose_key))
-    fixed.insert(velocity_key, linearized.atVector(velocity_key))
-    fixed.insert(bias_key, linearized.atConstantBias(bias_key))
-    fixed.insert(sole_key, linearized.atVector(sole_key))
-    values = _dead_reckon(window, fixed, bias, p)
+    at, of_bias = window.before.stop - 1, window.before.bias
+    pose, velocity = linearized.atPose3(X(at)), linearized.atVector(V(at))
+    held, sole = linearized.atConstantBias(B(of_bias)), linearized.atVector(S(of_bias))
     # A prior of a millionth on each holds them.
     tight = {size: gtsam.noiseModel.Isotropic.Sigma(size, 1e-6) for size in (1, 3, 6)}
-    alone = gtsam.NonlinearFactorGraph(graph)
-    alone.addPriorPose3(pose_key, fixed.atPose3(pose_key), tight[6])
-    alone.addPriorVector(velocity_key, fixed.atVector(velocity_key), tight[3])
-    alone.addPriorConstantBias(bias_key, fixed.atConstantBias(bias_key), tight[6])
-    alone.addPriorVector(sole_key, fixed.atVector(sole_key), tight[1])
+    fixed, alone = gtsam.Values(), gtsam.NonlinearFactorGraph(graph)
+    for key, value in ((X(at), pose), (V(at), velocity), (B(of_bias), held), (S(of_bias), sole)):
+        fixed.insert(key, value)
+    alone.addPriorPose3(X(at), pose, tight[6])
+    alone.addPriorVector(V(at), velocity, tight[3])
+    alone.addPriorConstantBias(B(of_bias), held, tight[6])
+    alone.addPriorVector(S(of_bias), sole, tight[1])
+    values = _dead_reckon(window, fixed, bias, p)
     solved = gtsam.Values(fixed)
     solved.insert(values)
     order = gtsam.Ordering.ColamdNonlinearFactorGraph(alone)
@@ -306,9 +291,6 @@ def agrees(pose: gtsam.Pose3, body_cov: Floats, fix: Fix) -> bool:
     covariance = in_nav(pose.rotation().matrix()[None], body_cov[None])[0, :2, :2]
     total = covariance + fix.horizontal_sigma_m**2 * np.eye(2)
     return bool(offset @ np.linalg.solve(total, offset) <= MAX_FIX_SIGMAS**2)
-
-
-# --- floors ----------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,7 @@ their columns, the covariance Y^T Y = T^T T by QR of Y, and
 
 the square root of their information. As one factor, the marginal prior, it stands for the whole past in the graph of
 the strides that follow (concurrent filtering and smoothing: Williams et al. 2014, IJRR 33, 1544). Nothing is lost but
-the choice to linearize the past again. All that comes later follows from the anchor state and the samples since, to the
-bit.
-
-Four choices make iSAM2 quick and exact (measured in docs/online.md):
+the choice to linearize the past again. What makes iSAM2 quick and exact (measured in docs/online.md):
 
 * Relinearization by attitude, bias and field. Position and velocity enter linearly once they are in the body's axes; a
   heading that moved by a does not, and an old linearization costs a^2/2 of each stride. Variables are checked from the
@@ -25,10 +22,9 @@ Four choices make iSAM2 quick and exact (measured in docs/online.md):
   else each would get a copy of all values at each call.
 * QR: the information of a bias over hours and of a node over milliseconds differ by more than Cholesky resolves.
 
-An update after which the newest footfall has turned from its linearization point is repeated, but not often, so that
-the time of a footfall is bounded. Lever, swing noise, bias walk and the gyro bias to linearize at are those of the
-anchor state. Where the graph has no solution with a stride it begins again at the last footfall, as it was reported,
-with that stride; where that has none either, with the stride of a person who was not seen (`smoother.strides`).
+Lever, swing noise, bias walk and the gyro bias to linearize at are those of the anchor state. Where the graph has no
+solution with a stride it begins again at the last footfall, as it was reported, with that stride; where that has none
+either, with the stride of a person who was not seen (`smoother.strides`).
 """
 
 from __future__ import annotations

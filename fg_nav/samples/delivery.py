@@ -8,9 +8,7 @@ that are not from the gap behind the last one that it holds, are taken for new; 
 
 Lost. A sensor samples evenly: within a window of `WINDOW` rows the median step between stamps is its period T, and a
 step of k T, k = 2, 3, ..., lacks k - 1 samples; of stamps that jitter, one of more than `GAP_PERIODS` periods. Longer
-steps than `MAX_STEP_S` are gaps, which are remarked by themselves. If T is another in `IN_A_ROW` windows, the sensor's
-rate has changed, which is remarked. What this machine had no room for is
-counted by the system (`online.sources.Datagrams`).
+steps than `MAX_STEP_S` are gaps. If T is another in `IN_A_ROW` windows, the sensor's rate has changed.
 """
 
 from __future__ import annotations
@@ -57,18 +55,14 @@ class Overlap:
         self._last = -1
 
     def select_new(self, rows: Floats, at_end: bool = False) -> Floats:
-        """Return those of the held rows and of these (n, 11) that are new; at the end of the stream no row is held on.
-
-        Held are the first `HEAD` rows, and of a stream that began again those of which it is not clear yet whether they
-        are new.
-        """
+        """Return those of the held rows and of these (n, 11) that are new; `at_end` of the stream none is held on."""
         rows, self._held = np.concatenate([self._held, rows]), rows[:0]
         if self.is_over:
             return rows
+        if not self.skips and len(rows) < HEAD and not at_end:
+            self._held = rows
+            return rows[:0]
         if not self.skips:
-            if len(rows) < HEAD and not at_end:
-                self._held = rows
-                return rows[:0]
             self.skips = int((self._find_numbers(rows[:HEAD]) != UNKNOWN).sum()) >= MIN_KNOWN
             self.is_over = not self.skips
         return rows if self.is_over else self._skip_to_tail_end(rows, at_end)
@@ -123,10 +117,7 @@ def fingerprint_rows(rows: Floats) -> NDArray[np.uint64]:
 
 
 class LossCounter:
-    """Counts what is lost of a stream, whatever the blocks: samples missing by the stamps, of those that came.
-
-    `remark` is called with one sentence the first time that samples are missing, and whenever the rate changes.
-    """
+    """Counts the samples that are missing by the stamps, whatever the blocks, and those that came."""
 
     def __init__(self, remark: Callable[[str], None]) -> None:
         self.samples = self.came = 0
@@ -147,10 +138,6 @@ class LossCounter:
         """Count, at the end, the rows of a window that is not full."""
         self._count(self._window)
         self._window = self._window[-1:]
-
-    def report(self, datagrams: int) -> dict[str, int]:
-        """Return what was lost so far, with the datagrams for which this machine had no room."""
-        return {"samples": self.samples, "came": self.came, "datagrams": datagrams}
 
     def _count(self, t: Floats) -> None:
         """Count the samples that are missing between stamps (n,) s of a sensor that samples evenly."""
@@ -202,10 +189,7 @@ def describe_losses(lost: Mapping[str, int]) -> tuple[str, ...]:
 
 
 class Silence:
-    """Time without a sample from a source of that name.
-
-    Silence of `stalled_s` is remarked; after `until_silent_s` the walk is over, None to wait for ever.
-    """
+    """Time without a sample: `stalled_s` is remarked, after `until_silent_s` the walk is over; None to wait on."""
 
     def __init__(
         self, name: str, stalled_s: float, until_silent_s: float | None, remark: Callable[[str], None]

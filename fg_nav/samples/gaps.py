@@ -1,7 +1,5 @@
 """Lost samples, those that one sensor did not read, and the motion within a sample.
 
-What a sensor would have read where a sample is missing follows from how the same foot moves elsewhere.
-
 A sample is the mean over its period T; before a gap it stands for T only, and the h - T up to the next stamp are not
 observed. A foot repeats itself, and so a recording shows what lies between such samples. With m the samples of acc and
 gyr within R periods on either side, each sensor over its own spread, and l the means of acc and gyr between, those in a
@@ -12,7 +10,7 @@ gap are
 W and c by least squares over the windows of the recording, as wide and without a gap, that look most like it: a local
 linear regression (Cleveland 1979). Its sigma is measured: the larger of what either half of these windows misses the
 other by, times what W and c are uncertain by, and of what is in m and in none of these windows. Over a gap of four
-samples in a swing at 100 Hz yaw is off by 2.1 deg rms held, 1.5 interpolated, 0.13 learned (`scripts/sample_errors.py
+samples in a swing at 100 Hz yaw is off by 2.1 deg rms held, 1.5 interpolated, 0.13 learned (`sample_errors.py
 gaps`). Where there is too little to learn from, and over gaps too long for a mean to stand for what moved, l is the
 linear interpolation, and its sigma the spread s of the recording; in a gap of T > `MAX_S` no less than the spread of a
 walking foot: a foot that stood before the gap may have walked in it.
@@ -57,7 +55,7 @@ ALIKE = 500  # Windows that W and c are learned from: several times the 12 R + 1
 MIN_WINDOWS, MAX_WINDOWS = 100, 20_000  # Of a regression, evenly taken: minutes of walking; the time grows with them.
 DIGITS = 0.01  # Noise of a sample as a share of the sensor's spread, that W does not follow.
 MAX_S = 0.1  # In a longer gap a foot turns too far for one mean of force and rate to stand for its motion.
-MAX_COUNTED_S = 1.0  # Up to here the periods in a gap are counted one by one.
+MAX_COUNTED_S = 1.0  # Up to here the periods in a gap are counted one by one; a longer one counts as one of that.
 BLOCK = 1 << 16  # Samples that are prepared at once: more need memory, and no longer fit a processor's cache.
 
 # In a longer gap the samples on either side show only that a person walked: held, rate and force are off by the spread
@@ -121,10 +119,7 @@ def measure_unseen(begin: float, end: float, t: Floats) -> float:
 
 
 def count_periods(t: Floats, period_s: float) -> Ints:
-    """Count (N,) how many periods, of samples that are there or missing, each stamp `t` (N,) s is behind the first.
-
-    A gap longer than `MAX_COUNTED_S` counts as one of that: what lies in it is not known from its length.
-    """
+    """Count (N,) how many periods, of samples that are there or missing, each stamp `t` (N,) s is behind the first."""
     most = 4 + np.ceil(MAX_COUNTED_S / period_s)
     return np.concatenate([[0], np.cumsum(np.clip(np.rint(np.diff(t) / period_s), 1, most).astype(np.int64))])
 
@@ -135,8 +130,7 @@ def fill_gaps(t: Floats, acc: Floats, gyr: Floats) -> Gaps:
     period = float(np.median(step))
     gap = np.flatnonzero(step > LOST_PERIODS * period)
     if not len(gap):
-        nothing = np.empty((0, 3))
-        return Gaps(gap, step[gap], nothing, nothing, nothing, nothing)
+        return Gaps(gap, step[gap], *[np.empty((0, 3))] * 4)
     scale = np.repeat([find_spread(acc), find_spread(gyr)], 3)
     values = np.hstack([acc, gyr]) / scale
     tick = count_periods(t, period)

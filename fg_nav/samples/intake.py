@@ -2,8 +2,7 @@
 
     rows as sent -> UnitMonitor -> FieldMonitor -> StampFilter -> OutlierFilter (`fg_nav.samples.readings`) -> samples
 
-What a file would be refused for is left out here: a walk in progress goes on. The functions and limits by which rows
-are judged are those of a file, which is judged with hindsight (`fg_nav.recording`).
+What a file would be refused for is left out here: a walk in progress goes on.
 
 Units. A row is odd if no worn sensor gives it for long:
 
@@ -21,8 +20,6 @@ over `CHECKED` samples. Midway rows are left out until a second of them is that 
 gyroscope that hardly turns while its wearer walks is found in windows, and remarked. Of another field the field alone
 is left out, at once: the strength of the walk's field is the median of those of its newest windows.
 
-Samples:
-
 ================================= ==========================================================================
 missing (NaN, empty, no range)    left out
 bad samples                       found as in a file; one of which one sensor is bad is bridged by a line, others are
@@ -37,11 +34,9 @@ gap of more than `MAX_GAP_S`      remarked, and as long as it is; the estimator 
 more than `MAX_CLOCK_STEP_S`      a clock that was set: a gap of `UNKNOWN_GAP_S`, and stamps from there on set back
 ================================= ==========================================================================
 
-Each kind is counted, and remarked once; a change of units or stamps is remarked each time, and noted.
-
-A sample at which a run of bad ones may begin, far from the one before, is held until `LOOK_AHEAD` more are there. How
-long a sensor was off while a walk was interrupted nobody knows: a clock that restarted there (`resume`) is never taken
-to go on with nothing missing. A clock that restarted and has passed the last stamp already is taken for a gap.
+A sample at which a run of bad ones may begin, far from the one before, is held until `LOOK_AHEAD` more are there. A
+clock that restarted while a walk was interrupted (`resume`) is never taken to go on with nothing missing. A clock that
+restarted and has passed the last stamp already is taken for a gap.
 """
 
 from __future__ import annotations
@@ -112,11 +107,7 @@ MAG, STAMP_AND_MAG = slice(7, 10), (0, 7, 8, 9)  # columns
 
 
 class Intake:
-    """Passes the samples of a stream that can be navigated with; `counts` those of each kind of `REMARKS`.
-
-    `remark` is called with one sentence the first time that something of a kind happens, and whenever units or stamps
-    change.
-    """
+    """Passes the samples of a stream that can be navigated with; `counts` and remarks each kind of `REMARKS`."""
 
     def __init__(self, remark: Callable[[str], None] = lambda words: None) -> None:
         self.counts: Counter[str] = Counter()
@@ -301,10 +292,7 @@ class UnitMonitor:
         self._first: list[Floats] | None = []
 
     def push(self, rows: Floats, at_end: bool = False) -> Floats:
-        """Return the rows to use, of these and of those that waited; `at_end` none waits any more.
-
-        Raises `RecordingError` if the first rows are in another unit.
-        """
+        """Return the rows to use, of these and of those that waited; raises `RecordingError` for a wrong first unit."""
         rows = np.concatenate([self._held, rows])
         self._held = rows[:0]
         if np.isnan(self._period_s) and not self._find_period(rows[:, 0]) and not at_end:
@@ -355,12 +343,10 @@ class UnitMonitor:
         """Whether the period is known by stamps (n,); refuse those of another unit."""
         known = t[np.isfinite(t)][: NOT_ADVANCING if len(t) >= NOT_ADVANCING else FIRST]
         period_s = median_period_s(known)
-        if len(known) >= NOT_ADVANCING and np.isnan(period_s):
+        if (len(known) >= NOT_ADVANCING and np.isnan(period_s)) or (len(known) >= FIRST and period_s < MIN_STEP_S):
             raise RecordingError(f"{find_stamp_problem(period_s)}.")
         if len(known) < FIRST or np.isnan(period_s):
             return len(t) >= NOT_ADVANCING  # of which hardly any has a stamp: they are missing
-        if period_s < MIN_STEP_S:
-            raise RecordingError(f"{find_stamp_problem(period_s)}.")
         if find_time_unit(period_s) not in ("s", None):
             raise RecordingError(f"{find_stamp_problem(period_s)}, or name the unit in --columns.")
         self._period_s = period_s
@@ -425,9 +411,9 @@ def _check_first(rows: Floats) -> None:
 def _judge_walking(rows: Floats) -> str:
     """Return "right" for rows of walking in m/s^2 and rad/s, "slow" if the gyroscope hardly turns, "" for others."""
     there = rows[find_squarable(rows[:, 1:7])]
-    force = _norm(there[:, 1:4])
     if 2 * len(there) < len(rows):
         return ""
+    force = _norm(there[:, 1:4])
     if not (float(np.std(force)) > LIVELY_M_S2 and MIN_M_S2 < float(np.median(force)) < MAX_M_S2):
         return ""
     rate = _norm(rows[:, 4:7])

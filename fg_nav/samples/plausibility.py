@@ -8,8 +8,6 @@ A sensor on a person cannot help measuring some known things:
 * both: while the sensor turns without much acceleration, gravity turns in the body at the rate of the gyroscope,
   da/dt = -k w x a, with k = 1. k = pi/180 is a gyroscope in deg/s, k = -1 a mirrored set of axes;
 * field: the Earth's field is 25-65 uT, buildings and shoes make 10-200 uT of it.
-
-NaN and nonsense are allowed everywhere: the samples may come from a broken file.
 """
 
 from __future__ import annotations
@@ -167,11 +165,7 @@ def find_acc_problem(acc: Floats, period_s: float) -> str | None:
 
 
 def find_gyr_unit(acc: Floats, gyr: Floats, period_s: float) -> str | None:
-    """Find the unit of gyr (N, 3) where physics decides: rad/s or deg/s; None where it does not.
-
-    No limb turns at more than 40 rad/s; one that is shaken as by walking turns faster than 0.3 rad/s, 17 deg/s; and
-    where it turns quietly, gravity turns at the rate of the gyroscope in one of the two units only. `acc` is in m/s^2.
-    """
+    """Find the unit of gyr (N, 3) where physics decides, rad/s or deg/s; None where it does not. acc is in m/s^2."""
     acc, gyr = _usable(acc, gyr)
     if not len(gyr):
         return None
@@ -343,11 +337,7 @@ def find_median_strength(mag: Floats) -> float:
 
 
 def measure_rest_acc(acc: Floats, period_s: float) -> float:
-    """Median strength of acc (N, 3) over its stillest moments, in its unit; NaN if there are too few samples.
-
-    Moments of 0.1 s are ranked by their variance, whatever its unit, and the stillest twentieth is taken: a
-    walking foot stands for far longer than that.
-    """
+    """Median strength of acc (N, 3), in its unit, over the stillest twentieth of all 0.1 s; NaN of too few samples."""
     (acc,) = _usable(acc, limit=1e6)
     length = max(3, round(0.1 / _assume_period(period_s)))
     if len(acc) < 2 * length:
@@ -365,24 +355,20 @@ def measure_gravity_transport(acc: Floats, gyr: Floats, period_s: float) -> Grav
     against the mean of -w x a between their middles; the gain is that of least squares.
     """
     acc, gyr = _usable(acc, gyr)
-    if not period_s > 0:
-        return GravityTransport(np.nan, np.nan, 0)
     half = max(3, round(0.2 / _assume_period(period_s)))
-    n_windows = len(acc) - 2 * half
-    if n_windows <= 0:
-        return GravityTransport(np.nan, np.nan, 0)
+    n_windows, unseen = len(acc) - 2 * half, GravityTransport(np.nan, np.nan, 0)
+    if not period_s > 0 or n_windows <= 0:
+        return unseen
     loud = np.abs(np.linalg.norm(acc, axis=1) - GRAVITY_M_S2) > 0.6
     before = np.concatenate(([0], np.cumsum(loud)))
     quiet = before[2 * half :][:n_windows] == before[:n_windows]
-    if not quiet.any():
-        return GravityTransport(np.nan, np.nan, 0)
     change, expected = _compare_turning(acc, gyr, half, quiet)
     change /= half * period_s
     turning = np.maximum(np.abs(change), np.abs(expected)).max(axis=1) > _TURNING_M_S3
     product, power = float(np.sum(expected * change)), float(np.sum(expected**2))
     scale = np.sqrt(power * float(np.sum(change**2)))
     if not scale > 0:
-        return GravityTransport(np.nan, np.nan, 0)
+        return unseen
     return GravityTransport(product / power, product / float(scale), int(np.count_nonzero(turning)))
 
 
@@ -423,9 +409,8 @@ def _assume_period(period_s: float) -> float:
 
 def _moving_mean(vectors: Floats, length: int) -> Floats:
     """Average (N, 3) over `length` neighbours: (N - length + 1, 3)."""
-    sums: Floats = np.concatenate([np.zeros((1, vectors.shape[1])), np.cumsum(vectors, axis=0)])
-    means: Floats = (sums[length:] - sums[:-length]) / length
-    return means
+    sums = np.concatenate([np.zeros((1, vectors.shape[1])), np.cumsum(vectors, axis=0)])
+    return np.asarray((sums[length:] - sums[:-length]) / length)
 
 
 def keep_air(pressure: Floats) -> Floats | None:

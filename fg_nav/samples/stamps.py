@@ -1,7 +1,6 @@
 """The stamps of a file: put in order, and evened out where the logger stamped samples on arrival.
 
-A file is judged as a whole, so less is lost than in a stream, and nothing of unknown length is assumed. What becomes of
-each fault of its stamps: `docs/formats.md`. Of the parts that an end leaves, the longest is taken, with a remark.
+What becomes of each fault: `docs/formats.md`. Of the parts that an end leaves, the longest is taken, with a remark.
 
 Jitter. A sensor samples evenly by its own clock; sample i is the n_i-th tick, stamped when it arrived:
 
@@ -201,10 +200,9 @@ class Clock(NamedTuple):
 
 
 def remove_jitter(t: Floats) -> Floats:
-    """Even out stamps whose jitter is that of their transport.
+    """Return stamps (N,) s, strictly increasing, at the ticks of the sensor's clock; gaps and dropped samples stay.
 
-    From stamps (N,) s, strictly increasing, to the ticks of the sensor's clock, likewise. True gaps and dropped samples
-    stay. `t` itself where the jitter is negligible, or not that of transport, or the samples are too few to decide.
+    `t` itself where the jitter is negligible, or not that of transport, or the samples are too few to decide.
     """
     clock = fit_clock(t)
     delay = t - clock.even

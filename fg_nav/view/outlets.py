@@ -22,7 +22,7 @@ from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 from typing import IO, Any
 
-from fg_nav.errors import StreamError
+from fg_nav.errors import StreamError, describe_reason
 from fg_nav.system.processes import start_module
 from fg_nav.text import to_json
 
@@ -92,7 +92,7 @@ def open_port(host: str, port: int, option: str) -> socket.socket:
     try:
         return socket.create_server((host, port), family=family, backlog=BACKLOG)
     except (OSError, OverflowError, UnicodeError) as error:
-        reason = (getattr(error, "strerror", None) or str(error)).lower()
+        reason = describe_reason(error)
         raise StreamError(f"port {port} cannot be served on {host} ({reason}): choose another {option}.") from None
 
 

@@ -21,7 +21,9 @@ from fg_nav.online.estimates import (
     PersonEstimate,
     Revision,
     StanceEstimate,
+    format_estimate,
     format_feet_line,
+    format_revision,
 )
 from fg_nav.online.feet import FeetNavigator, FeetWalk
 from fg_nav.online.navigator import OnlineNavigator
@@ -252,10 +254,10 @@ def test_lag_and_fixes_are_refused() -> None:
 
 
 def test_every_line_says_whose_it_is_and_in_which_frame() -> None:
-    for line in walked()[0]:
-        for content in map(json.loads, format_feet_line(line)):
-            assert list(content)[:3] == ["kind", "foot", "frame"]
-            assert content["foot"] in ("left", "right", "person")
+    lines = [line for line in walked()[0] if line.foot == "person"]
+    for content in map(json.loads, map(format_feet_line, lines)):
+        assert list(content)[:3] == ["kind", "foot", "frame"]
+        assert content["foot"] == "person"
 
 
 def push_in_g(navigator: FeetNavigator, sides: tuple[Side, ...]) -> list[FeetLine]:
@@ -268,10 +270,12 @@ def push_in_g(navigator: FeetNavigator, sides: tuple[Side, ...]) -> list[FeetLin
 
 
 def line_texts(found: list[FeetLine], side: Side) -> list[str]:
-    return [
-        text for one in found if one.foot == side and not isinstance(one.content, FootState)
-        for text in format_feet_line(one)
-    ]  # fmt: skip
+    texts = []
+    for line in (one for one in found if one.foot == side and not isinstance(one.content, FootState)):
+        content = line.content
+        assert isinstance(content, StanceEstimate | Revision)
+        texts += [format_estimate(content, False)] if isinstance(content, StanceEstimate) else format_revision(content)
+    return texts
 
 
 def alone(side: Side, options: OnlineOptions, until_s: float) -> list[str]:
@@ -280,6 +284,4 @@ def alone(side: Side, options: OnlineOptions, until_s: float) -> list[str]:
     for _, rows in list_blocks(lambda one, t: one == side and t < until_s):
         found += navigator.push(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10])
     found += navigator.close()
-    continues = navigator.reported_continues
-    lines = [FeetLine(side, side, one, isinstance(one, StanceEstimate) and continues[one.number]) for one in found]
-    return line_texts(lines, side)
+    return line_texts([FeetLine(side, side, one) for one in found], side)

@@ -14,7 +14,7 @@ from fg_nav.io import read_raw, write_canonical
 from fg_nav.online import record
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.record import Record
-from fg_nav.online.sources import Replay, parse_speed
+from fg_nav.online.sources import Replay, open_samples
 from tests.online.walks import short_walk
 
 
@@ -150,7 +150,7 @@ def test_a_replay_is_recorded_as_it_is_and_gives_its_walk(fg_nav, tmp_path):
 @pytest.mark.parametrize("words", ["0", "-1", "nan", "fast"])
 def test_a_speed_that_is_none_is_refused(words):
     with pytest.raises(StreamError, match="no factor"):
-        parse_speed(words)
+        open_samples("walk.csv", None, 0, words, print)
 
 
 def test_a_replay_takes_its_time():

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fg_nav.detection.stance import StanceParameters
 from fg_nav.online import buffer as online_buffer
 from fg_nav.online import resolve, smoother, strides
 from fg_nav.online.buffer import LEAD_S, UNSEEN, OnlineOptions, Pace, PartialWalk, SampleBuffer, rows_of
@@ -88,7 +87,7 @@ class InPieces:
     def __init__(self, options: OnlineOptions, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(resolve, "NICENESS", 0)
         monkeypatch.setattr(resolve, "_solvers", {})
-        resolve._set_up({None: options}, StanceParameters())
+        resolve._set_up({None: options})
         self.pace = Pace()
 
     @property
@@ -114,7 +113,7 @@ def test_what_solves_beside_holds_a_window_of_samples_and_says_the_same(
     here, buffer = fed(in_field(), options), SampleBuffer()
     beside = InPieces(options, monkeypatch)
     rows = rows_of(in_field().recording)
-    solver = Solver(WalkSolver(options, StanceParameters(), buffer), beside)
+    solver = Solver(WalkSolver(options, buffer), beside)
     there = OnlineSmoother(options, buffer, solver=solver)
     buffer.append(rows)
     kept = []
@@ -150,7 +149,7 @@ def test_a_walk_goes_on_without_a_solution_that_is_late(monkeypatch: pytest.Monk
     monkeypatch.setattr(smoother, "FAST", np.inf)
     monkeypatch.setattr(Late, "late", late)
     options, buffer = OnlineOptions(), SampleBuffer()
-    solver = Late(WalkSolver(options, StanceParameters(), buffer), InPieces(options, monkeypatch))
+    solver = Late(WalkSolver(options, buffer), InPieces(options, monkeypatch))
     online = OnlineSmoother(options, buffer, solver=solver)
     buffer.append(rows_of(demo().recording))
     begun = []
@@ -173,7 +172,7 @@ def test_what_came_after_a_solution_that_was_late_is_not_lost() -> None:
     buffer, found = SampleBuffer(), []
     buffer.append(rows_of(walk.recording))
     for waits in (False, True):
-        here = WalkSolver(OnlineOptions(), StanceParameters(), buffer)
+        here = WalkSolver(OnlineOptions(), buffer)
         solver = Solver(here)
         solver.begin(Task(None, tuple(told[:14]), UNSEEN, since=0))
         assert here.run(()) is None  # the line at which it begins does not wait for it
@@ -217,8 +216,8 @@ def test_a_process_beside_says_the_same_and_is_replaced_where_it_dies(
     options = OnlineOptions()
     here = fed(walk, options, 32)
     buffer.append(rows_of(walk.recording))
-    process = SolverProcess({None: options}, StanceParameters())
-    solver = Solver(WalkSolver(options, StanceParameters(), buffer), process, remarks.append)
+    process = SolverProcess({None: options})
+    solver = Solver(WalkSolver(options, buffer), process, remarks.append)
     assert process.pid is None
     try:
         there = OnlineSmoother(options, buffer, solver=solver)
@@ -241,8 +240,8 @@ def test_a_process_beside_says_the_same_and_is_replaced_where_it_dies(
 def test_a_process_beside_that_was_stopped_is_not_waited_for_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(resolve, "MAX_S", 0.1)
     remarks: list[str] = []
-    process = SolverProcess({None: OnlineOptions()}, StanceParameters())
-    here = WalkSolver(OnlineOptions(), StanceParameters(), SampleBuffer())
+    process = SolverProcess({None: OnlineOptions()})
+    here = WalkSolver(OnlineOptions(), SampleBuffer())
     solver = Solver(here, process, remarks.append)
     try:
         solver.start()
@@ -275,7 +274,7 @@ def test_a_task_that_failed_beside_is_solved_here(monkeypatch: pytest.MonkeyPatc
         return future
 
     monkeypatch.setattr(process, "submit", failing)
-    solver = Solver(WalkSolver(OnlineOptions(), StanceParameters(), buffer), process, remarks.append)
+    solver = Solver(WalkSolver(OnlineOptions(), buffer), process, remarks.append)
     solver.begin(Task(None, tuple(told[:14]), UNSEEN, since=0))
     solver.request(told[14:])
     anchor = solver.take()
@@ -297,11 +296,10 @@ def test_what_the_machine_takes_is_no_waiting_for_samples(monkeypatch: pytest.Mo
 
 LEFT_RUNNING = """
 import os, signal, sys
-from fg_nav.detection.stance import StanceParameters
 from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.resolve import SolverProcess
 signal.signal(signal.SIGINT, signal.default_int_handler)  # A shell may have it ignored in the background.
-process = SolverProcess({None: OnlineOptions()}, StanceParameters())
+process = SolverProcess({None: OnlineOptions()})
 process._worker.submit(os.getpid).result()
 print(process.pid, flush=True)
 os.kill(process.pid if sys.argv[1] == "stopped" else os.getpid(), getattr(signal, sys.argv[2]))
