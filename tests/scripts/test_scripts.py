@@ -5,25 +5,12 @@ import json
 import numpy as np
 import pytest
 
-from fg_nav.detection import detect_stances
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.lab.simulation import simulate
 from tests.scripts import SCRIPTS, load_script
 
 harness = load_script("harness")
 walks = load_script("walks")
-benchmark = load_script("benchmark")
 long_walk = walks.simulate_long_walk
-
-
-@pytest.fixture(scope="module")
-def demo():
-    recording = simulate("demo", 3).recording
-    return walks.Walk("demo", recording, detect_stances(recording))
-
-
-def by_name(found, method="smoother"):
-    return {figure.name: figure for figure in found if figure.method == method}
 
 
 @pytest.mark.parametrize(
@@ -90,43 +77,3 @@ def test_a_long_walk_comes_from_its_seed():
     first, second, other = (long_walk(0.2, seed) for seed in (1, 1, 2))
     assert np.array_equal(first.acc, second.acc)
     assert not np.array_equal(first.acc, other.acc)
-
-
-def test_the_bare_loop_takes_every_sample_over_its_own_period(demo, monkeypatch):
-    taken = []
-
-    class Counting:
-        def __init__(self, params):
-            pass
-
-        def integrateMeasurement(self, acc, gyr, h):
-            taken.append((acc, gyr, h))
-
-    monkeypatch.setattr(benchmark.gtsam, "PreintegratedImuMeasurementsG", Counting)
-    benchmark.run_bare_loop(demo.recording)
-    assert len(taken) == len(demo.recording) - 1
-    assert sum(h for *_, h in taken) == pytest.approx(demo.recording.duration_s)
-    assert np.array_equal([acc for acc, *_ in taken], demo.recording.acc[:-1])
-
-
-def test_walks_of_the_benchmark_are_parts_of_one():
-    some = benchmark.read_or_simulate((0.25, 0.5))
-    assert [len(recording) for recording in some.values()] == [3000, 6000]
-
-
-def test_every_call_is_timed_and_judged(demo, capsys):
-    some = {"half": demo.recording.slice(0, len(demo.recording) // 4)}
-    some["demo"] = demo.recording.slice(0, len(demo.recording) // 2)
-    repeats = harness.repeat_measurement(benchmark.measure_calls, some, 2)
-    for repeat in repeats:
-        of = repeat["demo"]
-        assert all(time.wall > 0 for time in of.values())
-        assert of[benchmark.BOTH].wall == of[benchmark.DETECT].wall + of[benchmark.SMOOTH].wall
-    found = benchmark.print_costs(some, repeats)
-    ratio = [repeat["demo"][benchmark.SMOOTH].wall / repeat["demo"][benchmark.BARE].wall for repeat in repeats]
-    assert by_name(found)["smooth over bare loop, demo"].measured == pytest.approx(np.median(ratio))
-    wall, cpu = benchmark.seconds_of(repeats, "demo", benchmark.SMOOTH)
-    half_wall, half_cpu = benchmark.seconds_of(repeats, "half", benchmark.SMOOTH)
-    assert by_name(found)["smooth, demo over half, wall"].measured == pytest.approx(np.median(wall / half_wall))
-    assert by_name(found)["smooth, demo over half, processor"].measured == pytest.approx(np.median(cpu / half_cpu))
-    assert "bare loop" in capsys.readouterr().out
