@@ -440,9 +440,6 @@ def fit_ellipse(level_xy: Floats) -> Ellipse:
     return replace(ellipse, covariance=worse * ellipse.covariance)
 
 
-# --- quadrics --------------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class QuadricFit:
     """The quadric |C (m - h)| = 1. Its P parameters are the center and the upper half of C, row by row."""

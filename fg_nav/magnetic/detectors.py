@@ -15,10 +15,6 @@ heading offset         zero  rad   compass minus inertial heading, that one alig
 strength rate          zero  uT/s  slope of |B| within the stance                   (AIEZ (9), QSF)
 ====================== ===== ===== ==========================================================================
 
-Ma's text has the *change* of the heading difference, the equation after Ma (13) the difference itself: the one is
-`heading difference`, the other `heading offset`. AIEZ (9) has the norm of the rate of the field *vector*, which is that
-of any turn of the sensor; the slope of its norm is independent of it.
-
 At footfall k the window holds the last N changes of each channel c (the N + 1 last footfalls; of a *zero*, the N last);
 it ends at the footfall tested, so that a verdict is causal. With x the values, y the changes, all over sigma:
 
@@ -30,8 +26,8 @@ sum of squares  (1/N) sum_c sum_k y_k^2                                         
 squared sums    (1/N) sum_c (sum_k |y_k|)^2                                            Ma (26), absolutes as printed
 =============== ====================================================================== ==========================
 
-The field passes where T < threshold: the likelihood ratio test of Ma (15)-(26) and AIEZ (8), (10)-(18), whose densities
-Ma (16)-(21) and AIEZ (12)-(15) need powers of 1/2 and N/2 in place of those printed; the ratio is the same.
+The field passes where T < threshold: the likelihood ratio test of Ma (15)-(26) and AIEZ (8), (10)-(18), with their
+misprints (docs/equations.md) put right.
 
 Changes of values that scatter independently are correlated by -1/2 from one to the next (MA(1)), so their squares do
 not add up to a chi squared, against Ma (14). The scatter of the values themselves does: T is chi squared with N degrees
@@ -44,8 +40,7 @@ T is then noncentral chi squared with
     lambda = min over channels of (matters / sigma)^2 s,   s = sum_j (j/N - 1/2)^2 = (N + 1)(N + 2) / (12 N);
                                                            of a zero, s = N;
 
-and the threshold its quantile at the false-alarm rate; P_D, the share of static fields that pass, follows. Ma (23)
-for P_FA cannot be computed: the density it integrates depends on the estimate from the same data.
+and the threshold its quantile at the false-alarm rate; P_D, the share of static fields that pass, follows.
 
 Alignment of the heading, for a heading offset. A scalar Kalman filter estimates the difference of inertial heading and
 compass: its first value is the mean of the first `ALIGNMENT_FOOTFALLS`, which are not tested; it is updated at each

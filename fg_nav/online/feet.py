@@ -20,7 +20,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.detection.stance import StanceParameters
 from fg_nav.errors import EstimationError, FgNavError
 from fg_nav.feet import SIDES, Side
 from fg_nav.feet.clocks import Swings, match_swings
@@ -95,13 +94,13 @@ class FeetNavigator:
         self.offset_s: dict[Side, float] = {"left": 0.0, "right": clock_offset_s}  # that `push` adds to the stamps
         given: dict[Side, OnlineOptions] = {"left": options, "right": options if right is None else right}
         self._walks = WalksAlone()
-        self._process = SolverProcess({side: given[side] for side in SIDES}, StanceParameters()) if background else None
+        self._process = SolverProcess({side: given[side] for side in SIDES}) if background else None
 
         def begin(side: Side) -> OnlineNavigator:
             """Begin the walk of a foot, which is solved with the other's."""
 
             def make_solver(buffer: SampleBuffer) -> Solver:
-                here = FootSolver(side, self._walks, given[side], StanceParameters(), buffer)
+                here = FootSolver(side, self._walks, given[side], buffer)
                 return Solver(here, self._process, remark, side)
 
             return OnlineNavigator(given[side], lambda words: remark(f"{side} foot: {words}"), solver=make_solver)

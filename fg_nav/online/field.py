@@ -182,9 +182,6 @@ class OnlineField:
         return replace(measured, potential=self._potential)
 
 
-# --- north ------------------------------------------------------------------------------------------------------------
-
-
 def find_north_sigma(across_uT: Floats, walked_m: float, strength_uT: float) -> float:
     """Return the sigma (rad) of a north that is found by the mean field, `UNKNOWN_RAD` at most.
 

@@ -22,7 +22,7 @@ from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
 from fg_nav.detection.causal import CausalStances, Footfall, join_footfalls
 from fg_nav.detection.rest import freeze_ends
-from fg_nav.detection.stance import StanceParameters, Stances
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic.axes import AlignedMagnetometer, align_magnetometer
 from fg_nav.online.buffer import OnlineOptions, SampleBuffer, as_recording
@@ -123,8 +123,8 @@ class OnlineNavigator(SampleIntake):
         if solver is not None:
             self._solver = solver(self.buffer)
         else:
-            process = SolverProcess({None: options}, StanceParameters()) if background else None
-            self._solver = Solver(WalkSolver(options, StanceParameters(), self.buffer), process, remark)
+            process = SolverProcess({None: options}) if background else None
+            self._solver = Solver(WalkSolver(options, self.buffer), process, remark)
         self.smoother = OnlineSmoother(options, self.buffer, solver=self._solver)
         self._remark, self._waits, self._warned, self._handed = remark, False, False, 0
         self._given: GivenLines | None = None  # While a walk that was resumed comes again,

@@ -40,7 +40,7 @@ from fg_nav.calibration.walk import MeasuredField, measure_walk_field
 from fg_nav.detection import detect_stances
 from fg_nav.detection.causal import Footfall
 from fg_nav.detection.rest import find_longest
-from fg_nav.detection.stance import StanceParameters, Stances
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import DetectionError
 from fg_nav.feet import SIDES, Side
 from fg_nav.feet.steps import MIN_TURNS, measure_turns
@@ -94,8 +94,8 @@ Work: TypeAlias = Task | tuple[ReportedFootfall, ...]
 class WalkSolver:
     """Solves a walk by the samples of a buffer, and holds its newest solution."""
 
-    def __init__(self, options: OnlineOptions, stance: StanceParameters, buffer: SampleBuffer) -> None:
-        self._options, self._stance, self.buffer = options, stance, buffer
+    def __init__(self, options: OnlineOptions, buffer: SampleBuffer) -> None:
+        self._options, self.buffer = options, buffer
         self._solved: tuple[AnchorState, PartialWalk] | None = None
 
     def run(self, work: Work) -> AnchorState | None:
@@ -123,13 +123,13 @@ class WalkSolver:
             begins = self.buffer.find_since(stamp - CONTEXT_S, until)
         recording = as_recording(self.buffer.between(begins, until), with_mag=False)
         if start is None:
-            footfalls = review_footfalls(recording, begins, footfalls, self._stance)
+            footfalls = review_footfalls(recording, begins, footfalls)
             walk = PartialWalk(self.buffer, self._options, sensor=task.sensor)
             for footfall in footfalls:
                 walk.add(footfall)
             return self._solve_whole(walk, task.has_ended)
         first, number = footfalls[0], start.stance.number
-        reviewed = review_footfalls(recording, begins, footfalls[1:], self._stance)
+        reviewed = review_footfalls(recording, begins, footfalls[1:])
         walk = PartialWalk(self.buffer, self._options, number, [first], start.sensor)
         window = Window(replace(start, footfalls=(first,), first=number), walk)
         window.extend(one for one in reviewed if one.footfall.start[0] >= first.footfall.stop[-1])
@@ -139,12 +139,10 @@ class WalkSolver:
         return solve_from_start(walk, self._options, has_ended), walk
 
 
-def review_footfalls(
-    recording: Recording, first: int, footfalls: Sequence[ReportedFootfall], parameters: StanceParameters
-) -> list[ReportedFootfall]:
+def review_footfalls(recording: Recording, first: int, footfalls: Sequence[ReportedFootfall]) -> list[ReportedFootfall]:
     """Return the footfalls of a recording from sample `first` on, reviewed: false ones out, missed stances put in."""
     try:
-        stances = detect_stances(recording, parameters)
+        stances = detect_stances(recording)
     except DetectionError:
         return list(footfalls)
     # The stances as footfalls, in samples of the walk.
@@ -326,10 +324,8 @@ class WalksAlone:
 class FootSolver(WalkSolver):
     """Solves the walk of one foot with that of the other, whose solver has the same `walks`."""
 
-    def __init__(
-        self, side: Side, walks: WalksAlone, options: OnlineOptions, stance: StanceParameters, buffer: SampleBuffer
-    ) -> None:
-        super().__init__(options, stance, buffer)
+    def __init__(self, side: Side, walks: WalksAlone, options: OnlineOptions, buffer: SampleBuffer) -> None:
+        super().__init__(options, buffer)
         self._side, self._walks = side, walks
         self._alone: PartialWalk | None = None  # Solved by itself, and not joined to the other foot's yet.
 
@@ -370,8 +366,8 @@ class FootSolver(WalkSolver):
 class SolverProcess:
     """The other process, which starts with the first call; `options` by side of the foot, None of one foot alone."""
 
-    def __init__(self, options: Mapping[Side | None, OnlineOptions], stance: StanceParameters) -> None:
-        self._worker, self.pace, self.is_closed = Worker(_set_up, options, stance), Pace(), False
+    def __init__(self, options: Mapping[Side | None, OnlineOptions]) -> None:
+        self._worker, self.pace, self.is_closed = Worker(_set_up, options), Pace(), False
 
     @property
     def pid(self) -> int | None:
@@ -488,10 +484,10 @@ _solvers: dict[Side | None, WalkSolver] = {}
 _walks = WalksAlone()
 
 
-def _set_up(options: Mapping[Side | None, OnlineOptions], stance: StanceParameters) -> None:
+def _set_up(options: Mapping[Side | None, OnlineOptions]) -> None:
     os.nice(NICENESS)
     for side, given in options.items():
-        walk = given, stance, SampleBuffer()
+        walk = given, SampleBuffer()
         _solvers[side] = WalkSolver(*walk) if side is None else FootSolver(side, _walks, *walk)
 
 

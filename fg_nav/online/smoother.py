@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fg_nav.detection.causal import Footfall, Seen
-from fg_nav.detection.stance import StanceParameters
 from fg_nav.errors import EstimationError
 from fg_nav.frames import UNKNOWN_RAD
 from fg_nav.magnetic.axes import MagAxes
@@ -80,17 +79,10 @@ class Pending:
 class OnlineSmoother:
     """A walk in progress, by the samples of a buffer that the caller fills; solved here without a `solver`."""
 
-    def __init__(
-        self,
-        options: OnlineOptions,
-        buffer: SampleBuffer,
-        stance: StanceParameters = StanceParameters(),
-        solver: Solver | None = None,
-    ) -> None:
+    def __init__(self, options: OnlineOptions, buffer: SampleBuffer, solver: Solver | None = None) -> None:
         self._options, self._buffer, self._has_lag = options, buffer, options.lag_s is not None
-        self._stance = stance
         self.walk = PartialWalk(buffer, options)
-        self.solver = Solver(WalkSolver(options, stance, buffer)) if solver is None else solver
+        self.solver = Solver(WalkSolver(options, buffer)) if solver is None else solver
         self.pending: Pending | None = None  # None between two solutions.
         self._clock: tuple[float, float] | None = None  # time idle and stamp, s, when the pending one was begun
         self.window: Window | None = None
@@ -169,7 +161,7 @@ class OnlineSmoother:
         given, sensor, first = tuple(self.footfalls), self.walk.sensor, self._buffer.first
         rows = [lines.estimates[one.line].turn(lines.turns[one.line]).as_row(one.footfall.stillest) for one in given]
         self._past = Past(0, tuple(rows))
-        solver = WalkSolver(self._options, self._stance, self._buffer)
+        solver = WalkSolver(self._options, self._buffer)
         nothing = Revision(float(self.reported[-1].numbers[1]), 0.0, (), np.empty((0, 4)))
         stop, revision = len(given), None if given else nothing
         while stop and revision is None:
@@ -200,7 +192,7 @@ class OnlineSmoother:
     def prepare(self) -> None:
         """Wait for a solution that is due, where it is waited for: now, and not when a footfall is complete."""
         if self.pending is not None and self._clock is None and self._buffer.stop:
-            self._clock = self.solver.pace.idle_s, self._buffer.stamp(self._buffer.stop - 1)
+            self._clock = self.solver.pace.idle_s, self._buffer.newest_s
         if self.pending is not None and self.pending.due_at <= self.n_reported and self._waits():
             self.solver.take()
 
@@ -258,7 +250,7 @@ class OnlineSmoother:
         if self.solver.is_here or self._clock is None:
             return True
         idle_s, stamp = self._clock
-        return self._buffer.stamp(self._buffer.stop - 1) - stamp > FAST * (self.solver.pace.idle_s - idle_s)
+        return self._buffer.newest_s - stamp > FAST * (self.solver.pace.idle_s - idle_s)
 
     def _solve_at_once(self) -> list[StanceEstimate | Revision]:
         """Solve the whole walk and return the revision; where that fails extend the newest window and return none."""

@@ -124,9 +124,6 @@ class Replay(SampleSource):
         return self._rows[first : self._given]
 
 
-# --- by name ---------------------------------------------------------------------------------------------------------
-
-
 def open_samples(word: str, columns: Columns | None, baud: int, speed: str | None, remark: Remark) -> SampleSource:
     """Open a source of samples: rows, or with a speed a recording; raises `FgNavError` if it cannot be opened."""
     if speed is None:

@@ -293,9 +293,6 @@ def agrees(pose: gtsam.Pose3, body_cov: Floats, fix: Fix) -> bool:
     return bool(offset @ np.linalg.solve(total, offset) <= MAX_FIX_SIGMAS**2)
 
 
-# --- floors ----------------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class FloorTrack:
     """Heights m of the floors so far, the first that of the start; on which of them the newest footfall is.

@@ -11,9 +11,7 @@ The heading itself is never observed: turned about up, all results are the same.
 its stamp to the next one; a field is that of its stamp.
 
 Specific force of the gravity update (`average_force`)
-    MD uses a sample while its strength is gravity's; a walking thigh has as much across then, to the same side in each
-    stride. But over a stride the hip's velocity comes back to itself, and the mean specific force in one frame is
-    gravity: weighted by a raised cosine over two seconds, to 0.1 to 0.25 m/s^2 an axis on two real thighs.
+    The mean over two seconds in one frame, by a raised cosine (docs/pocket.md): to 0.1 to 0.25 m/s^2 an axis.
 
         sum over the window of  w_j G_k^T G_j f_j,     G the attitude by the gyroscope alone, from any start
 
@@ -74,11 +72,8 @@ Along m' H is zero, for no rotation changes a strength; and N is 2 s_m^2 + q |m'
 u, v and m' / |m'| a right-handed set, |m'| v^T S and -|m'| u^T S about u and v. The noise of each field enters two
 differences, once with either sign; the filter takes them as independent, as MD does.
 
-Four equations do not work as they are printed (`fg_nav.lab.reproduce.munoz_diaz2017.as_printed`). MD prints no prior,
-no figures of the bias model and the accelerometer, and no threshold: each value chosen here gives its reason.
-
-Reference: Munoz Diaz, de Ponte Mueller, Garcia Dominguez (2017), "Use of the Magnetic Field for Improving Gyroscopes'
-Biases Estimation", Sensors 17(4) 832.
+Misprints: docs/pocket.md. Munoz Diaz, de Ponte Mueller, Garcia Dominguez (2017), "Use of the Magnetic Field for
+Improving Gyroscopes' Biases Estimation", Sensors 17(4) 832.
 """
 
 from __future__ import annotations

@@ -573,9 +573,6 @@ def draw_ends(stance: Floats) -> list[Trace]:
     return [mark_places(ends, GRAY, "start and end", size=10, style=mark, showlegend=False, **more)]
 
 
-# --- returns ---------------------------------------------------------------------------------------------------------
-
-
 def _mark_returns(view: AlignedSolution) -> list[Trace]:
     """Draw on the map the footfalls at an earlier place of the walk, and lines to the earlier ones."""
     table = view.solution.stances

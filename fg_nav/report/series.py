@@ -390,9 +390,6 @@ def _shade(panel: Panel, t: Floats, stances: Stances, part: slice) -> Panel:
     return Panel(panel.label, [boxes, *panel.traces], axis, panel.share)
 
 
-# --- of the graph -----------------------------------------------------------------------------------------------------
-
-
 def draw_graph(view: AlignedSolution, frame: Frame) -> list[Chart]:
     """Draw the graph of one solution, as far as it is known."""
     solution, table = view.solution, view.solution.stances
@@ -490,9 +487,6 @@ def _draw_moment(moment: StanceTable, batch: StanceTable) -> Chart:
     panels = [Panel("horizontal (m)", apart, _FROM_ZERO), Panel("heading (deg)", heading)]
     caption = "Estimate of iSAM2 at the moment of each footfall, less that of the batch afterwards."
     return stack("moment", panels, caption)
-
-
-# --- places recognized ----------------------------------------------------------------------------------------------
 
 
 def describe_return(one: Return) -> str:

@@ -81,8 +81,6 @@ def collect_notes(summaries: Sequence[Mapping[str, object]]) -> list[tuple[str, 
     return [("", note) for note in shared] + own
 
 
-# --- printing --------------------------------------------------------------------------------------------------------
-
 _hushed = False  # Whether only errors are printed (`hush`); of the process, as its threads print too.
 
 

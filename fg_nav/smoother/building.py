@@ -129,12 +129,6 @@ def list_displacements(position: Floats) -> Ints:
     return np.asarray(np.concatenate(first)[:, None] + np.array([0, STRIDES]))
 
 
-def share_legs(course: Floats) -> Floats:
-    """Share (M,) that each course (M,) rad counts for: those of a leg, in a row, for `LEG_COURSES` at most."""
-    leg = np.cumsum(np.abs(wrap_angle(np.diff(course, prepend=course[:1]))) > NEW_LEG_RAD)
-    return np.asarray(np.minimum(1.0, LEG_COURSES / np.bincount(leg)[leg]))
-
-
 class TrackedDirections(NamedTuple):
     """Directions along a walk: `phi` (M,) rad, s and P, and log likelihood over that of courses that are anything."""
 
@@ -181,7 +175,9 @@ def add_directions(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, M
         return None
     course = measure_course(position[pairs[:, 1]] - position[pairs[:, 0]])
     middle, (known, piece) = pairs.mean(axis=1), np.unique(drift.piece[pairs[:, 0]], return_inverse=True)
-    share = share_legs(course)
+    # Courses of a leg, in a row, count for `LEG_COURSES` at most.
+    leg = np.cumsum(np.abs(wrap_angle(np.diff(course, prepend=course[:1]))) > NEW_LEG_RAD)
+    share = np.minimum(1.0, LEG_COURSES / np.bincount(leg)[leg])
     tracked = track_directions(course, share, middle / len(position), drift.sigma, np.diff(piece) > 0)
     if tracked.evidence < MIN_EVIDENCE:
         return None

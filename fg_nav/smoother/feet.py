@@ -299,13 +299,13 @@ class SolvedFeet:
         """The right foot."""
         m = self.minimum
         at_right = m.root.shift_keys(int(RIGHT))
-        return Minimum(m.values.right, at_right, m.steps, m.linearized_at.right, m.error, m.volume)
+        return Minimum(m.values.right, at_right, m.steps, m.linearized_at.right, m.error)
 
     @property
     def left(self) -> Solved:
         """The left foot."""
         m = self.minimum
-        return Minimum(m.values.left, m.root, m.steps, m.linearized_at.left, m.error, m.volume)
+        return Minimum(m.values.left, m.root, m.steps, m.linearized_at.left, m.error)
 
 
 def solve_feet(right: WalkProblem, left: WalkProblem) -> SolvedFeet:

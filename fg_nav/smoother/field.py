@@ -400,27 +400,20 @@ class PathNoise:
 def average_path_noise(problem: WalkProblem, values: gtsam.Values) -> PathNoise:
     """Average the share of the integral's changes that does not telescope, the graph linearized at these values."""
     field = problem.get(FieldFactors)
-    # The walk between its footfalls, which no share changes.
-    rest = _eliminate_between(problem, values)
-    evidence = np.array([_weigh_share(rest, field.assume_lost_share(share), values) for share in SHARES])
+    # The walk without its field, nodes between footfalls marginalized, which no share changes.
+    between = np.delete(np.arange(len(problem.nodes)), problem.nodes.result)
+    nodes, order = np.array([key(int(j)) for j in between for key in (X, V)], dtype=np.uint64), problem.time_order
+    rest = LinearWalk.of(problem.without(FieldFactors).system.stack(values), order, np.isin(order, nodes))
+    # Evidence of each share, up to a constant.
+    nats = list[float]()
+    for one in map(field.assume_lost_share, SHARES):
+        sigmas = (one.integral_sigma, one.change_sigma[:, PHI], one.prior.sigma[PHI])
+        log_noise = float(sum(np.log(sigma).sum() for sigma in sigmas))
+        nats.append(rest.join(one.stack(values)).minus_log_evidence(log_noise))
+    evidence = np.array(nats)
     share = float(average(np.array(SHARES), evidence, np.array(SHARES_PRIOR)))
     # The drift over the walk as a random walk's a stride.
     horizontal, strides = float(np.linalg.norm(field.prior.mean[E_H])), int((field.path.distance_m > MIN_STEP_M).sum())
     left = split_potential(field.rough.potential, share, field.path.distance_m)[1]
     drift_uT_m = float(np.sqrt(np.sum(left**2) / max(strides, 1)))
     return PathNoise(share, drift_uT_m / horizontal, len(field.potential))
-
-
-def _eliminate_between(problem: WalkProblem, values: gtsam.Values) -> LinearWalk:
-    """Return the linearized walk without its field, nodes between footfalls marginalized."""
-    between = np.delete(np.arange(len(problem.nodes)), problem.nodes.result)
-    nodes = np.array([key(int(j)) for j in between for key in (X, V)], dtype=np.uint64)
-    order = problem.time_order
-    return LinearWalk.of(problem.without(FieldFactors).system.stack(values), order, np.isin(order, nodes))
-
-
-def _weigh_share(rest: LinearWalk, field: FieldFactors, values: gtsam.Values) -> float:
-    """Of a field, up to a constant."""
-    sigmas = (field.integral_sigma, field.change_sigma[:, PHI], field.prior.sigma[PHI])
-    walk = rest.join(field.stack(values))
-    return walk.minus_log_evidence(float(sum(np.log(one).sum() for one in sigmas)))

@@ -59,7 +59,6 @@ class Minimum(Generic[V]):
     steps: int
     linearized_at: V  # One step before the minimum.
     error: float  # Of the values.
-    volume: float  # log|R|.
     stacks: Sequence[Stack] = ()  # The linear factors.
 
 
@@ -90,7 +89,7 @@ def find_minimum(
         if not np.isfinite(error):
             raise EstimationError("the smoother's error is not finite: check the recording with 'fg-nav inspect'.")
         if abs(error - promised) <= convergence * len(keys):
-            return Minimum(values, root, steps, linearized_at, error, left.volume, stacks)
+            return Minimum(values, root, steps, linearized_at, error, stacks)
         del root, left, stacks  # as large as all else: not kept beside the next one
     raise EstimationError(
         f"the smoother did not converge in {largest_steps} steps: the stances are not those of a walk on foot, or the "

@@ -6,13 +6,10 @@ from scipy.linalg import polar
 from scipy.spatial.transform import Rotation
 
 from fg_nav.calibration import UPPER, ellipsoid
-from fg_nav.calibration.ellipsoid import fit_constrained_quadric, fit_ellipsoid, measure_coverage
+from fg_nav.calibration.ellipsoid import fit_constrained_quadric, fit_ellipsoid, fit_unit_sphere, measure_coverage
 from fg_nav.errors import CalibrationError
-from fg_nav.lab.extremes import upper_triangular
 
 STRENGTH = 48.0
-MA_K = np.array([[1.027, 0.037, 0.046], [0.0, 1.018, -0.002], [0.0, 0.0, 1.062]])  # Ma et al. 2018, Table 1
-MA_B = np.array([14.336, 7.975, -5.641])
 
 
 def directions(rng, count=400, within=None):
@@ -54,119 +51,132 @@ def test_a_turned_sensor_has_the_same_iron_turned(strength):
     assert other.residual_uT == pytest.approx(one.residual_uT)
 
 
-def test_the_residual_is_the_noise_of_a_reading():
+def test_with_the_strength_unknown_the_size_of_c_is_no_parameter():
+    """Its covariance has no room for a change of the determinant: trace(C^-1 dC) = 0."""
+    for strength, expected in ((None, 0.0), (STRENGTH, 0.5 / 20 / STRENGTH)):  # three numbers' worth, if known
+        found = fit_ellipsoid(sensor(3)[0], strength)
+        by_size = np.linalg.inv(found.correction)[UPPER] * np.where(UPPER[0] == UPPER[1], 1.0, 2.0)
+        variance = by_size @ found.covariance[3:, 3:] @ by_size
+        assert np.sqrt(max(variance, 0.0)) / 3 == pytest.approx(expected, rel=0.3, abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("fit", "strength"), [(fit_ellipsoid, STRENGTH), (fit_ellipsoid, None), (fit_unit_sphere, STRENGTH)]
+)
+def test_errors_are_as_large_as_their_sigmas(fit, strength):
+    """In each direction of the nine parameters; with the strength unknown the size of C is none."""
+    errors = []
+    for seed in range(100):
+        readings, hard, C = sensor(seed)
+        C = C / np.cbrt(np.linalg.det(C)) if strength is None else C
+        found = fit(readings, strength)
+        errors.append((found.parameters - np.concatenate([hard, C[UPPER]])) / found.sigma)
+    rms = np.sqrt(np.mean(np.square(errors), axis=0))
+    assert 0.85 < np.sqrt(np.mean(np.square(rms))) < 1.2
+    assert rms.min() > 0.7
+    assert rms.max() < 1.4
     assert fit_ellipsoid(sensor(2, count=4000)[0]).residual_uT == pytest.approx(0.5, rel=0.05)
 
 
-def test_twice_the_noise_doubles_sigma_and_four_times_the_readings_halve_it():
-    once, twice, long = (
-        fit_ellipsoid(sensor(2, noise, count)[0]).sigma for noise, count in ((0.3, 500), (0.6, 500), (0.3, 2000))
-    )
-    assert twice == pytest.approx(2 * once, rel=0.25)
-    assert long == pytest.approx(once / 2, rel=0.25)
-
-
-def test_with_the_strength_unknown_the_size_of_c_is_no_parameter():
-    """Its covariance has no room for a change of the determinant: trace(C^-1 dC) = 0."""
-    found = fit_ellipsoid(sensor(3)[0])
-    by_size = np.linalg.inv(found.correction)[UPPER] * np.where(UPPER[0] == UPPER[1], 1.0, 2.0)
-    variance = by_size @ found.covariance[3:, 3:] @ by_size
-    assert variance == pytest.approx(0.0, abs=1e-6 * found.covariance[3:, 3:].max())
-    known = fit_ellipsoid(sensor(3)[0], STRENGTH)
-    by_size = np.linalg.inv(known.correction)[UPPER] * np.where(UPPER[0] == UPPER[1], 1.0, 2.0)
-    # of the size, three numbers' worth: a strength that is known to 0.5 / sqrt(400) of 48
-    assert np.sqrt(by_size @ known.covariance[3:, 3:] @ by_size) / 3 == pytest.approx(0.5 / 20 / STRENGTH, rel=0.3)
-
-
 @pytest.mark.parametrize("within", [None, np.deg2rad(90.0)])
-def test_wild_readings_do_not_matter_and_are_counted(within):
+def test_wild_readings_do_not_matter_and_are_counted(within, monkeypatch):
     readings, hard, C = sensor(4, within=within)
     wild = readings.copy()
     wild[::25] += 20.0 * np.random.default_rng(5).standard_normal((16, 3))
+    wild = np.vstack([wild, np.full((100, 3), np.nan)])  # rows without a field are left out
     found, clean = fit_ellipsoid(wild, STRENGTH), fit_ellipsoid(readings, STRENGTH)
     error = (found.parameters - np.concatenate([hard, C[UPPER]])) / found.sigma
     assert np.abs(error).max() < 4.0
     assert found.sigma == pytest.approx(clean.sigma, rel=0.15)
     assert 380 <= found.samples <= 390
+    assert "of all directions covered" in found.notes[0]
     assert f"{400 - found.samples} of 400 readings left out" in found.notes[1]
-
-
-def test_ma_table_in_its_own_form():
-    """K_c is upper triangular: the same strengths as the symmetric form, and found again from readings."""
-    readings = np.linalg.solve(MA_K, STRENGTH * directions(np.random.default_rng(6)).T).T + MA_B
-    found = fit_ellipsoid(readings, STRENGTH)
-    assert found.hard_iron_uT == pytest.approx(MA_B, abs=1e-4)
-    assert upper_triangular(found.correction) == pytest.approx(MA_K, abs=1e-6)
-    assert upper_triangular(polar(MA_K)[1]) == pytest.approx(MA_K)
+    monkeypatch.setattr(ellipsoid, "MAX_SIGMA", np.inf)
+    monkeypatch.setattr(ellipsoid, "MAX_RESIDUAL", np.inf)
+    assert np.abs(fit_unit_sphere(wild, STRENGTH).hard_iron_uT - hard).max() > 0.5  # which the sphere is spoilt by
 
 
 def test_the_constraint_keeps_to_ellipsoids_where_plain_least_squares_finds_others():
-    """On a cap of 35 degrees with noise: always an ellipsoid, whatever it is worth; the plain fit turns inside out."""
-    turned_out = 0
+    """On a cap of 35 degrees with noise: always an ellipsoid, whatever it is worth."""
     for seed in range(30):
         readings, _, _ = sensor(seed, noise_uT=1.0, count=100, within=np.deg2rad(35.0))
-        _, C = fit_constrained_quadric(readings)
-        assert np.linalg.eigvalsh(C).min() > 0.0
-        x = (readings - readings.mean(axis=0)) / 10.0
-        columns = np.column_stack([x**2, x[:, [0]] * x[:, 1:], x[:, 1] * x[:, 2], x, np.ones(len(x))])
-        a = np.linalg.svd(columns)[2][-1]
-        A = np.array([[2 * a[0], a[3], a[4]], [a[3], 2 * a[1], a[5]], [a[4], a[5], 2 * a[2]]])
-        turned_out += int(np.ptp(np.sign(np.linalg.eigvalsh(A))) > 0)
-    assert turned_out > 5
-
-
-def test_rows_without_a_field_are_left_out():
-    readings = sensor(8)[0]
-    readings[::4] = np.nan
-    assert fit_ellipsoid(readings).samples == 300
-
-
-def test_the_notes_begin_with_the_coverage():
-    assert fit_ellipsoid(sensor(9)[0]).notes[0].startswith("99 % of all directions covered")
+        assert np.linalg.eigvalsh(fit_constrained_quadric(readings)[1]).min() > 0.0
 
 
 @pytest.mark.parametrize("strength", [STRENGTH, None])
-def test_too_narrow_a_tumbling_is_refused_with_its_weakest_direction(strength):
+def test_too_narrow_a_tumbling_is_refused_with_its_weakest_direction(strength, monkeypatch):
     rng = np.random.default_rng(10)
     up, angle = np.sin(np.deg2rad(rng.uniform(-6.0, 6.0, 400))), rng.uniform(0.0, 2 * np.pi, 400)
     flat = np.column_stack([np.sqrt(1 - up**2) * np.cos(angle), np.sqrt(1 - up**2) * np.sin(angle), up])
     readings = STRENGTH * flat + 0.5 * rng.standard_normal((400, 3))
     with pytest.raises(CalibrationError, match=r"weakest along \(.0\.0\d, .0\.0\d, [+-]1\.00\)"):
         fit_ellipsoid(readings, strength)
-
-
-def test_a_field_that_changes_from_place_to_place_is_refused():
-    with pytest.raises(CalibrationError, match="not the same everywhere"):
-        fit_ellipsoid(sensor(13, noise_uT=4.0, count=4000)[0])
-
-
-def test_how_much_may_stay_open_is_limited(monkeypatch):
     readings = sensor(11, within=np.deg2rad(60.0))[0]
-    found = fit_ellipsoid(readings)
+    found = fit_ellipsoid(readings, strength)
     monkeypatch.setattr(ellipsoid, "MAX_SIGMA", 0.5 * found.sigma[:3].max() / found.strength_uT)
     with pytest.raises(CalibrationError, match="open"):
-        fit_ellipsoid(readings)
+        fit_ellipsoid(readings, strength)
+
+
+BALL = STRENGTH * np.array([[0.0, 0.0, 1.0]]) + 0.3 * np.random.default_rng(5).standard_normal((2000, 3))
+Z, ANGLE = np.random.default_rng(4).uniform([[-1.5], [0.0]], [[1.5], [2 * np.pi]], (2, 200))
+HYPERBOLOID = 20.0 * np.column_stack([np.sqrt(1 + Z**2) * np.cos(ANGLE), np.sqrt(1 + Z**2) * np.sin(ANGLE), Z])
 
 
 @pytest.mark.parametrize(
     ("readings", "words"),
     [
         (np.ones((5, 3)), "5 whole readings"),
+        (np.full((50, 3), np.nan), "0 whole readings"),
         (np.ones((50, 3)), "no ellipsoid"),
         (sensor(0)[0] * [1.0, 1.0, 0.0], "no ellipsoid"),
-        (np.full((50, 3), np.nan), "0 whole readings"),
+        (HYPERBOLOID, "no ellipsoid|of all directions covered|not the same everywhere|open"),
+        (BALL, "was it turned"),
+        (1e-6 * sensor(0)[0], "readings in uT"),
+        (0.09 * sensor(0)[0], r"strong, .* readings in uT"),
+        (1e3 * sensor(0)[0], r"strong, .* readings in uT"),
+        (sensor(0, within=np.deg2rad(25.0))[0], "of all directions covered"),
+        (sensor(13, noise_uT=4.0, count=4000)[0], "not the same everywhere"),
     ],
-    ids=["few", "one place", "a plane", "nothing"],
+    ids=[
+        "few",
+        "nan",
+        "a place",
+        "a plane",
+        "a hyperboloid",
+        "not turned",
+        "T",
+        "small",
+        "nT",
+        "a cap",
+        "a field each",
+    ],
 )
-def test_what_is_no_ellipsoid_is_refused(readings, words):
+@pytest.mark.parametrize("fit", [fit_unit_sphere, fit_ellipsoid])
+def test_what_is_no_ellipsoid_or_would_calibrate_wrongly_is_refused(fit, readings, words):
+    """Noise about one reading is a ball, and a ball is an ellipsoid."""
     with pytest.raises(CalibrationError, match=words):
-        fit_ellipsoid(readings)
+        fit(readings)
 
 
-@pytest.mark.parametrize("strength", [0.0, -48.0, np.nan, np.inf])
-def test_a_field_has_a_strength(strength):
-    with pytest.raises(CalibrationError, match="is none"):
-        fit_ellipsoid(sensor(0)[0], strength)
+@pytest.mark.parametrize("fit", [fit_unit_sphere, fit_ellipsoid])
+def test_a_field_has_a_strength(fit):
+    for strength in (0.0, -48.0, np.nan, np.inf):
+        with pytest.raises(CalibrationError, match="is none"):
+            fit(sensor(0)[0], strength)
+
+
+@pytest.mark.parametrize("strength", [1.0, STRENGTH])
+def test_exact_readings_come_to_lie_on_the_sphere(strength):
+    """Along an axis of the ellipsoid, of this length, a reading is taken to length 1 on that axis."""
+    readings, hard, C = sensor(0, noise_uT=0.0)
+    found = fit_unit_sphere(readings, strength)
+    assert found.hard_iron_uT == pytest.approx(hard, abs=1e-6)
+    assert found.correction == pytest.approx(C * strength / STRENGTH, abs=1e-8)
+    assert np.linalg.norm(found.correct(readings), axis=1) == pytest.approx(strength)
+    assert found.strength_uT == strength
+    scale, axes = np.linalg.eigh(found.correction)
+    assert found.correct(hard + (axes / scale).T) == pytest.approx(axes.T, abs=1e-6)
 
 
 def test_coverage_of_all_of_half_and_of_a_plane():

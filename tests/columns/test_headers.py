@@ -57,9 +57,13 @@ def test_a_table_of_plain_letters():
     assert write_mapping(columns, acc="g", gyr="deg/s", time="ms") == "time=t[ms],acc=ax:ay:az[g],gyr=gx:gy:gz[deg/s]"
 
 
+def test_a_clock_by_its_name_is_preferred_to_one_by_its_unit_alone():
+    for names in (["exposure (ms)", "sampled (s)", *PLAIN], [*PLAIN, "exposure (ms)", "sampled (s)"]):
+        assert choose_columns(names, HINTS).time.names == ("t",)
+
+
 def test_any_order_numbered_axes_and_one_unit_of_all():
-    names = ["gyr2 (deg/s)", "gyr0 (deg/s)", "gyr1 (deg/s)", "a3", "a2", "a1", "mag x [uT]", "sample"]
-    names[3:6] = ["acc 3", "acc 2", "acc 1"]
+    names = ["gyr2 (deg/s)", "gyr0 (deg/s)", "gyr1 (deg/s)", "acc 3", "acc 2", "acc 1", "mag x [uT]", "sample"]
     columns = choose_columns(names, HINTS)
     assert columns.gyr.positions == (1, 2, 0)
     assert columns.gyr.unit == "deg/s"
@@ -69,14 +73,7 @@ def test_any_order_numbered_axes_and_one_unit_of_all():
 
 
 def test_calibrated_before_raw_and_gravity_before_none():
-    names = [
-        *PLAIN,
-        "lin_acc_x",
-        "lin_acc_y",
-        "lin_acc_z",
-        *(f"mag_{a}" for a in "xyz"),
-        *(f"mag_raw_{a}" for a in "xyz"),
-    ]
+    names = [*PLAIN, *(f"{what}_{a}" for what in ("lin_acc", "mag", "mag_raw") for a in "xyz")]
     columns = choose_columns(names, HINTS)
     assert columns.acc.names == ("ax", "ay", "az")
     assert columns.mag.names == ("mag_x", "mag_y", "mag_z")

@@ -37,15 +37,10 @@ def test_spellings(quantity, words, factor):
         assert find_factor(quantity, word) == pytest.approx(factor, rel=1e-15), word
 
 
-def test_arbitrary_units_have_no_size():
+def test_units_of_no_size_and_of_another_quantity():
     assert all(np.isnan(find_factor("mag", word)) for word in ("a.u.", "a.u", "arb. u.", "local_flux"))
-
-
-def test_what_is_no_unit_of_the_quantity_is_not_known():
-    assert find_factor("acc", "deg/s") is None
-    assert find_factor("gyr", "deg") is None
-    assert find_factor("time", "") is None
-    assert find_factor("mag", "furlong") is None
+    for quantity, word in (("acc", "deg/s"), ("gyr", "deg"), ("time", ""), ("mag", "furlong")):
+        assert find_factor(quantity, word) is None
 
 
 def test_units_without_a_quantity():

@@ -144,14 +144,6 @@ def test_a_foot_that_is_lost_for_a_while(fg_nav: FgNav, walked: Path, cut: Any, 
     assert None not in traces[f"{other} foot"]["x"]
 
 
-def test_a_magnetometer_of_one_foot_is_said_of_that_one(fg_nav: FgNav, walked: Path, tmp_path: Path) -> None:
-    bare = pd.read_csv(walked / "left.csv").drop(columns=["mag_x_uT", "mag_y_uT", "mag_z_uT"])
-    bare.to_csv(tmp_path / "bare.csv", index=False)
-    ran = fg_nav("run", tmp_path / "bare.csv", walked / "right.csv", *FEET, "--plots", "none", "--out", "out")
-    assert ran.code == 0, ran.err
-    assert summary("out")["magnetometer"] == "left not used (none given), right used"
-
-
 def test_both_feet_lost_at_once(fg_nav: FgNav, walked: Path, cut: Any) -> None:
     """Nothing shows how the person went on, and that is said."""
     recordings = [cut(side, 15.0, 30.0) for side in ("left", "right")]
@@ -181,16 +173,7 @@ def test_a_sensor_that_fails_leaves_the_other_foot_intact(fg_nav: FgNav, walked:
     assert lost.refused("neither foot can be navigated", "cut-left.csv", "cut-right.csv")
 
 
-def test_a_recording_of_half_the_walk_that_takes_no_steps_in_turn(fg_nav: FgNav, walked: Path, cut: Any) -> None:
-    """Some footfalls, and not one between two of the other foot: it recorded before the walk."""
-    arguments = ("run", walked / "left.csv", cut("right", 12.0, 100.0), *FEET, "--clock-offset", "-90")
-    ran = fg_nav(*arguments, "--plots", "none", "--out", "out")
-    assert ran.code == 0, ran.err
-    assert "the right foot is missing: cut-right.csv has" in ran.out
-
-
 def test_clocks_that_differ(fg_nav: FgNav, walked: Path, tmp_path: Path) -> None:
-    """Both on the first recording's clock, with their truths."""
     late = tmp_path / "late.csv"
     table = pd.read_csv(walked / "right.csv")
     table["time_s"] += 7.0
@@ -224,20 +207,6 @@ def test_a_width_shows_the_sides_without_its_prior(width_m: float, sigma_m: floa
     assert shows_sides(FeetSolution(nothing, nothing, nothing, width_m, sigma_m, 9, 0)) is shown
 
 
-def test_what_cannot_be_two_feet_is_refused(fg_nav: FgNav, walked: Path) -> None:
-    left, right = walked / "left.csv", walked / "right.csv"
-    assert fg_nav("run", left, right, left, *FEET).refused("takes two recordings", "3 of them")
-    assert fg_nav("run", left, *FEET).refused("takes two recordings")
-    assert fg_nav("run", left, left, *FEET).refused("the same one twice")
-    for method in ("online", "iez", "qsf"):
-        assert fg_nav("run", left, right, *FEET, "--method", method).refused(method, "one of smoother, inertial")
-    truth = walked / "left.truth.tum"
-    assert fg_nav("run", left, right, *FEET, "--truth", truth).refused("--truth", "A,B")
-    assert fg_nav("run", left, right, *FEET, "--fixes", truth).refused("--fixes")
-    assert fg_nav("run", left, "--clock-offset", "1").refused("is for --mount feet: add that")
-    assert not Path("results").exists()
-
-
 def test_feet_that_nothing_ties_are_two_walks_with_a_remark(fg_nav: FgNav, walked: Path) -> None:
     ran = fg_nav("run", walked / "left.csv", walked / "right.csv", *FEET, "--clock-offset", "100", "--plots", "html")
     assert ran.code == 0
@@ -252,16 +221,15 @@ def test_feet_that_nothing_ties_are_two_walks_with_a_remark(fg_nav: FgNav, walke
     assert "Nothing ties the feet" in (folder / "report.html").read_text()
 
 
-def test_what_is_wrong_with_one_recording_is_said_with_its_name(fg_nav: FgNav, walked: Path, tmp_path: Path) -> None:
-    table = pd.read_csv(walked / "right.csv")
+def test_what_cannot_be_two_feet_is_refused(fg_nav: FgNav, walked: Path, tmp_path: Path) -> None:
+    left, right = walked / "left.csv", walked / "right.csv"
+    table = pd.read_csv(right)
     table[[name for name in table if name.startswith("gyr")]] *= -1.0
     table.to_csv(tmp_path / "mirrored.csv", index=False)
-    assert fg_nav("run", walked / "left.csv", tmp_path / "mirrored.csv", *FEET).refused("mirrored.csv: ")
-
-
-def test_sides_that_are_none_and_a_truth_for_one_are_refused_from_python(walked: Path) -> None:
-    files = walked / "left.csv", walked / "right.csv"
+    assert fg_nav("run", left, tmp_path / "mirrored.csv", *FEET).refused("mirrored.csv: ")
+    for given, said in {(left, right, left): "3 of them", (left,): "--sensor A,B", (left, left): "one twice"}.items():
+        assert fg_nav("run", *given, *FEET).refused("takes two recordings", said)
     with pytest.raises(EstimationError, match="left,right or right,left"):
-        navigate_feet(*files, sides="right, left")  # type: ignore[arg-type]
+        navigate_feet(left, right, sides="right, left")  # type: ignore[arg-type]
     with pytest.raises(EstimationError, match="a truth for each recording"):
-        navigate_feet(*files, truth=None)  # type: ignore[arg-type]
+        navigate_feet(left, right, truth=None)  # type: ignore[arg-type]

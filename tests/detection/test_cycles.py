@@ -7,9 +7,7 @@ import pytest
 
 from fg_nav.detection import detect_stances
 from fg_nav.detection import footfalls as ff
-from fg_nav.detection.footfalls import find_cycle_stances, find_mid_swings, is_lowest_of_cycle, measure_period
-from fg_nav.detection.stance import Stances
-from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.detection.footfalls import find_cycle_stances, is_lowest_of_cycle, measure_period
 from fg_nav.lab.simulation.motion import Style
 from fg_nav.recording import Recording
 from tests.simulated import SimulatedFoot, straight_walk
@@ -26,28 +24,18 @@ def run(request) -> SimulatedFoot:
     return straight_walk(style=Style.RUN, strides=30, seed=request.param)
 
 
-@pytest.fixture(scope="module")
-def found(run) -> Stances:
-    return detect_stances(clipped(run.recording))
-
-
-def test_a_run_with_a_clipped_gyroscope_has_one_stance_a_cycle(run, found, monkeypatch):
-    assert found.n_footfalls == len(run.swing) + 1
-    monkeypatch.setattr(ff, "_fill_cycles", lambda t, acc, level, stances: stances)
-    assert detect_stances(clipped(run.recording)).n_footfalls < 0.6 * len(run.swing)  # velocity does not show them
-
-
-def test_each_is_on_the_ground(run, found):
+def test_a_run_with_a_clipped_gyroscope_has_one_stance_a_cycle_on_the_ground(run, monkeypatch):
     """A foot in mid-swing moves at 6 m/s."""
+    t, found = run.recording.t, detect_stances(clipped(run.recording))
+    assert found.n_footfalls == len(run.swing) + 1
     assert run.speed[found.stillest(run.recording.gyr)].max() < 0.3
-
-
-def test_a_cycle_with_a_stance_keeps_it(run, found, monkeypatch):
+    assert t[found.start[0]] - t[0] < 0.1
+    assert t[-1] - t[found.stop[-1] - 1] < 0.1
     monkeypatch.setattr(ff, "_fill_cycles", lambda t, acc, level, stances: stances)
-    velocity_only = detect_stances(clipped(run.recording))
-    assert set(zip(velocity_only.start, velocity_only.stop, strict=True)) < set(
-        zip(found.start, found.stop, strict=True)
-    )
+    by_velocity = detect_stances(clipped(run.recording))
+    assert by_velocity.n_footfalls < 0.6 * len(run.swing)  # velocity does not show the others ...
+    pairs, all_pairs = (set(zip(one.start, one.stop, strict=True)) for one in (by_velocity, found))
+    assert pairs < all_pairs  # ... and what it shows stays
 
 
 def test_of_a_foot_that_walks_nothing_is_changed(monkeypatch):
@@ -57,13 +45,6 @@ def test_of_a_foot_that_walks_nothing_is_changed(monkeypatch):
     without = detect_stances(recording)
     np.testing.assert_array_equal(with_cycles.start, without.start)
     np.testing.assert_array_equal(with_cycles.stop, without.stop)
-
-
-def test_the_first_and_the_last_rest_stay_where_a_run_ends_in_them(run, found):
-    t, recording = run.recording.t, run.recording
-    assert t[found.start[0]] - t[0] < 0.1
-    assert t[-1] - t[found.stop[-1] - 1] < 0.1
-    assert found.n_samples == len(recording)
 
 
 # --- the parts, on a level that is made ------------------------------------------------------------------------------
@@ -110,28 +91,5 @@ def test_the_lowest_of_each_cycle_is_a_stance_and_the_mid_swing_is_not():
     np.testing.assert_allclose(find(make_level(), landing(STANCES)), STANCES[:-1], atol=0.006)
     assert is_lowest_of_cycle(T, make_level(), round(0.4 * RATE_HZ), PERIOD_S)
     assert not is_lowest_of_cycle(T, make_level(), round(0.75 * RATE_HZ), PERIOD_S)
-
-
-def test_a_foot_that_never_lands_has_no_stance():
-    assert len(find(make_level(), np.tile([0.0, 0.0, 9.81], (len(T), 1)))) == 0
-
-
-def test_a_stance_above_all_levels_of_stillness_is_none():
-    assert len(find(make_level(stance=6.6, swing=6.7), landing(STANCES))) == 0
-
-
-def test_a_doubtful_footfall_in_a_mid_swing_is_one_and_one_of_its_cycle_is_not():
-    samples = np.round(np.array([2.0, 2.35]) * RATE_HZ).astype(int)
-    np.testing.assert_array_equal(find_mid_swings(T, make_level(), samples), [False, True])
-    still = make_level(swing=4.9, stance=4.0)
-    np.testing.assert_array_equal(find_mid_swings(T, still, samples), [False, False])
-
-
-def test_stances_of_cycles_without_a_swing_between_them_become_one():
-    t = np.arange(0.0, 12.0, 0.01)
-    level = 4.3 - 0.2 * np.cos(2 * np.pi * t / 0.8)  # never above the threshold of its minima
-    acc = np.tile([0.0, 0.0, GRAVITY_M_S2], (len(t), 1))
-    acc[np.arange(70, len(t), 80), 2] = 25.0
-    start, stop, _ = ff._fill_cycles(t, acc, level, np.zeros((3, 0)))
-    assert start.tolist() == [0]
-    assert stop.tolist() == [len(t)]
+    assert len(find(make_level(), np.tile([0.0, 0.0, 9.81], (len(T), 1)))) == 0  # it never lands
+    assert len(find(make_level(stance=6.6, swing=6.7), landing(STANCES))) == 0  # it is never still

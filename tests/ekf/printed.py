@@ -13,8 +13,8 @@ AIEZ (22), (29)   errors of roll, pitch, yaw are dphi     dphi = Rz(yaw) Ry(pitc
 AIEZ (28), (32)   in a curve z = 0 with sigma_HDR         no row: zero is a measurement, and shrinks P
 ================= ======================================= ===========================================================
 
-The compass's own misprints are in `tests.magnetic.printed`. No filter runs any of these but AIEZ (28), in the preset
-as-printed. Angles about z are counter-clockwise, z up, unless said otherwise.
+The compass's own misprints are in `tests.magnetic.test_compass`. No filter runs any of these but AIEZ (28), in the
+preset as-printed. Angles about z are counter-clockwise, z up, unless said otherwise.
 """
 
 from __future__ import annotations

@@ -247,7 +247,6 @@ class Written(NamedTuple):
     write: Callable[[RawRecording, Path], None]
     format: str
     digits: float
-    has_mag: bool = False
     sensor: str | None = None
 
 
@@ -257,15 +256,15 @@ FOREIGN: dict[str, Written] = {
     "dot-increments": Written(partial(write_xsens_dot, increments=True), "xsens-dot", 1e-9),
     "dot-sdk": Written(partial(write_dot_sdk, attitude=True), "xsens-dot", 1e-4),
     "dot-sdk-rad": Written(partial(write_dot_sdk, rad=True), "xsens-dot", 1e-4),
-    "movesense": Written(write_movesense, "movesense", 1e-9, True),
-    "movesense-apart": Written(partial(write_movesense, separate=True), "movesense", 1e-9, True),
+    "movesense": Written(write_movesense, "movesense", 1e-9),
+    "movesense-apart": Written(partial(write_movesense, separate=True), "movesense", 1e-9),
     "shimmer": Written(write_shimmer, "shimmer", 1e-9),
     "shimmer-text": Written(partial(write_shimmer, formatted=True), "shimmer", 1e-9),
     "shimmer-wide": Written(partial(write_shimmer, wide=True), "shimmer", 1e-9),
-    "apdm": Written(write_apdm, "apdm", 1e-6, True, "left foot"),
-    "apdm-paths": Written(partial(write_apdm, paths=True), "apdm", 1e-6, True, "Foot"),
-    "vectornav": Written(write_vectornav, "vectornav", 1e-7, True),
-    "vectornav-uncompensated": Written(partial(write_vectornav, compensated=False), "vectornav", 1e-7, True),
-    "yei": Written(write_yei, "yei", 1e-9, True),
+    "apdm": Written(write_apdm, "apdm", 1e-6, "left foot"),
+    "apdm-paths": Written(partial(write_apdm, paths=True), "apdm", 1e-6, "Foot"),
+    "vectornav": Written(write_vectornav, "vectornav", 1e-7),
+    "vectornav-uncompensated": Written(partial(write_vectornav, compensated=False), "vectornav", 1e-7),
+    "yei": Written(write_yei, "yei", 1e-9),
 }
 """Every kind of file by name."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import scipy.io
 
 from fg_nav.frames import GRAVITY_M_S2
@@ -117,6 +119,48 @@ def write_table(raw: RawRecording, path: Path) -> None:
     rows = [";".join(repr(value) for value in row) for row in table.tolist()]
     units = ["ms", *["g"] * 3, *["dps"] * 3, *["G"] * 3]
     path.write_text("\n".join(["logged by somebody", ";".join(names), ";".join(units), *rows]) + "\n")
+
+
+def _name_columns(raw: RawRecording) -> pd.DataFrame:
+    """A table in SI of plain names."""
+    table = np.column_stack([raw.t, raw.acc, raw.gyr, raw.mag])
+    return pd.DataFrame(table, columns=["t", *(f"{what}{axis}" for what in "agm" for axis in "xyz")])
+
+
+def _list_rows(raw: RawRecording) -> list[dict[str, object]]:
+    parts = (1e3 * raw.t, raw.acc, raw.gyr, raw.mag)
+    table = zip(*(part.tolist() for part in parts), strict=True)
+    return [{"ts": t, "acc": dict(zip("xyz", a, strict=True)), "gyro": w, "mag_uT": m} for t, a, w, m in table]
+
+
+def _write_hdf5(raw: RawRecording, path: Path) -> None:
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        for name, values in (("t", raw.t), ("acc", raw.acc), ("gyr", raw.gyr.T), ("mag", raw.mag)):
+            file.create_dataset(f"imu/{name}", data=values)
+
+
+TABLES: dict[str, Callable[[RawRecording, Path], object]] = {
+    "walk.mat": lambda raw, path: scipy.io.savemat(
+        path, {"time": raw.t, "accel": raw.acc, "gyro": raw.gyr, "mag": raw.mag, "fs": 100.0}
+    ),
+    "named.npy": lambda raw, path: np.save(path, _name_columns(raw).to_records(index=False)),
+    "walk.npz": lambda raw, path: np.savez_compressed(
+        path, t=raw.t * 1e3, imu=np.column_stack([raw.acc, raw.gyr]), mag_uT=raw.mag, note="x"
+    ),
+    "walk.parquet": lambda raw, path: _name_columns(raw).to_parquet(path),
+    "lines.jsonl": lambda raw, path: path.write_text("\n".join(map(json.dumps, _list_rows(raw)))),
+    "array.json": lambda raw, path: path.write_text(json.dumps({"samples": _list_rows(raw)}, indent=1)),
+    "arrays.json": lambda raw, path: path.write_text(
+        json.dumps({"t": raw.t.tolist(), "acc": raw.acc.tolist(), "gyr": raw.gyr.tolist(), "mag": raw.mag.tolist()})
+    ),
+    "walk.h5": _write_hdf5,
+    "walk.xlsx": lambda raw, path: _name_columns(raw).to_excel(path, index=False, engine="openpyxl"),
+}
+"""Tables in files of other programs, by a name that these would give."""
+
+NEEDS = {"walk.parquet": "pyarrow", "walk.h5": "h5py", "walk.xlsx": "openpyxl"}  # packages that are extras
 
 
 WRITERS: dict[str, tuple[str, Callable[[RawRecording, Path], None]]] = {

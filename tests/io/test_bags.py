@@ -55,11 +55,7 @@ def test_one_of_several_topics_must_be_named(tmp_path: Path) -> None:
     raw = read_raw(path, sensor="right")
     assert raw.mag is None
     assert raw.provenance.notes[1].startswith("/left/mag is normalized (its strength is always 0.0001)")
-
-
-def test_a_bag_without_imu_names_its_topics(tmp_path: Path) -> None:
-    path = tmp_path / "walk.mcap"
-    write_bag(RAW, path, ())
+    write_bag(RAW, path := tmp_path / "none.mcap", ())
     with pytest.raises(FormatError, match=r"no topic of sensor_msgs/Imu \(/left/mag\): record one"):
         read(path)
 
@@ -82,9 +78,8 @@ def test_without_the_extra_it_says_what_to_install(tmp_path: Path, monkeypatch: 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     folder = tmp_path_factory.mktemp("bags")
-    write_bag(RAW, folder / "walk.bag")
-    write_bag(RAW, folder / "walk.mcap")
-    write_bag(RAW, folder / "walk")
+    for name in ("walk.bag", "walk.mcap", "walk"):
+        write_bag(RAW, folder / name)
     return {file.suffix: file.read_bytes() for file in sorted(folder.rglob("walk*.*")) if file.is_file()}
 
 

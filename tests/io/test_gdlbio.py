@@ -15,12 +15,6 @@ from tests.real_data import DATA, needs_data
 RAW = tilting(np.random.default_rng(1))
 
 
-def footprints(path: Path) -> FootprintTruth:
-    truth = read_truth(path)
-    assert isinstance(truth, FootprintTruth)
-    return truth
-
-
 def test_footprints_are_made_right_handed_and_have_their_times(tmp_path: Path) -> None:
     path = tmp_path / "walk.mat"
     write_gdlbio(RAW, path)
@@ -31,7 +25,7 @@ def test_footprints_are_made_right_handed_and_have_their_times(tmp_path: Path) -
     np.testing.assert_array_equal(truth.stride, np.arange(len(t)))
     assert truth.stride_count == len(t) - 1
     np.testing.assert_allclose(read_pyshoe_track(path), np.column_stack([RAW.t, 2.0 * RAW.t]))
-    np.testing.assert_allclose(footprints(path).xy, truth.xy)
+    np.testing.assert_allclose(read_truth(path).xy, truth.xy)
 
 
 def test_times_of_footprints_move_with_the_stamps_that_are_evened(tmp_path: Path) -> None:
@@ -48,53 +42,39 @@ def test_footprints_lose_their_times_where_the_clock_began_again(tmp_path: Path)
     recording = read(path)
     assert isinstance(recording.truth, FootprintTruth)
     assert recording.truth.t is None
-    assert recording.provenance is not None
     assert any("the clock beg" in note for note in recording.provenance.notes)
 
 
-def test_a_walk_may_have_no_footprints(tmp_path: Path) -> None:
-    path = tmp_path / "walk.mat"
-    write_gdlbio(RAW, path, GCP=None)
+def test_a_walk_may_have_no_footprints_and_each_defect_is_one_sentence(tmp_path: Path) -> None:
+    path, count = tmp_path / "walk.mat", len(RAW.t[::100])
+    write_gdlbio(RAW, path, GCP=None, pyshoeTrajectory=None)
     assert read(path).truth is None
-    with pytest.raises(FormatError, match="neither footprints nor a true path"):
-        read_truth(path)
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
+    for reader, words in ((read_truth, "neither footprints nor a true path"), (read_pyshoe_track, "no variable 'pysh")):
+        with pytest.raises(FormatError, match=words):
+            reader(path)
+    rising = "rising samples of the recording"
+    for changes, message in (
         ({"imu_data": None}, "no variable 'imu_data'"),
         ({"timestamps": None}, "no variable 'timestamps'"),
         ({"imu_data": np.zeros((900, 5))}, r"shape \(900, 5\), not \(N, 6\)"),
         ({"timestamps": RAW.t[:-1]}, "'timestamps' has"),
         ({"GCP": np.zeros((3, 2))}, "'GCP' has 3 rows, 'strideIndex'"),
-        ({"GCP": np.full((len(RAW.t[::100]), 2), np.nan)}, "a footprint that is not finite"),
-        ({"strideIndex": np.arange(len(RAW.t[::100])) * 1000}, "rising samples of the recording"),
-        ({"strideIndex": -np.ones(len(RAW.t[::100]))}, "rising samples of the recording"),
-        ({"strideIndex": np.full(len(RAW.t[::100]), 7)}, "rising samples of the recording"),
-        ({"strideIndex": np.arange(len(RAW.t[::100])) + 0.5}, "rising samples of the recording"),
-    ],
-)
-def test_each_defect_is_one_sentence(changes: dict[str, object], message: str, tmp_path: Path) -> None:
-    path = tmp_path / "walk.mat"
-    write_gdlbio(RAW, path, **changes)
-    with pytest.raises(FormatError, match=message) as caught:
-        read_raw(path)
-    assert str(caught.value).startswith("walk.mat")
-    assert str(caught.value).endswith(".")
-
-
-def test_a_file_without_the_track_of_pyshoe(tmp_path: Path) -> None:
-    path = tmp_path / "walk.mat"
-    write_gdlbio(RAW, path, pyshoeTrajectory=None)
-    with pytest.raises(FormatError, match="no variable 'pyshoeTrajectory'"):
-        read_pyshoe_track(path)
+        ({"GCP": np.full((count, 2), np.nan)}, "a footprint that is not finite"),
+        *(
+            ({"strideIndex": index}, rising)
+            for index in (np.arange(count) * 1000, -np.ones(count), np.full(count, 7), np.arange(count) + 0.5)
+        ),
+    ):
+        write_gdlbio(RAW, path, **changes)
+        with pytest.raises(FormatError, match=message) as caught:
+            read_raw(path)
+        assert str(caught.value).startswith("walk.mat")
+        assert str(caught.value).endswith(".")
 
 
 @needs_data
 @pytest.mark.parametrize(("number", "samples", "strides"), [(48, 1864, 8), (62, 10600, 37), (66, 9000, 48)])
 def test_real_walks(number: int, samples: int, strides: int) -> None:
-    assert DATA is not None
     path = DATA / "gdlbio" / f"SensorConnectData_{number}_GDLBIO.mat"
     recording, track = read(path), read_pyshoe_track(path)
     truth = recording.truth

@@ -89,14 +89,11 @@ def test_no_line_is_drawn_across_a_gap():
     assert np.diff(recording.t).max() == pytest.approx(0.23, abs=0.011)
 
 
-def test_cut_to_what_both_recorded():
+def test_cut_to_what_both_recorded_and_to_where_both_are_awake():
     raw = join(stream("acc", clock(100.0, 1.0)), stream("gyr", clock(100.0, 0.0)))
     assert raw.t[[0, -1]] == pytest.approx([1.0, 7.99])
     np.testing.assert_allclose(raw.acc, sense("acc", raw.t), atol=1e-12)
     assert any("1.000 s left out at the start, 1.000 s at the end" in note for note in raw.provenance.notes)
-
-
-def test_a_sensor_that_wakes_up():
     t = clock(100.0)
     acc, gyr = stream("acc", t), stream("gyr", t)
     acc.xyz[:7], gyr.xyz[:3] = acc.xyz[7] + 0.1, 0.0
@@ -152,6 +149,9 @@ def test_what_cannot_be_joined_is_refused(streams, message):
         join(*streams)
 
 
-def test_slow_sensors_are_named():
-    raw = join(stream("acc", clock(10.0)), stream("gyr", clock(10.0)))
-    assert any("10 samples a second, too few to follow a step well" in note for note in raw.provenance.notes)
+@pytest.mark.parametrize(("acc_hz", "gyr_hz", "name"), [(10.0, 100.0, "accelerometer"), (100.0, 10.0, "gyroscope")])
+def test_the_slower_sensor_is_named(acc_hz, gyr_hz, name):
+    raw = join(stream("acc", clock(acc_hz)), stream("gyr", clock(gyr_hz)))
+    assert f"the {name} has 10 samples a second, too few to follow a step well: record" in " ".join(
+        raw.provenance.notes
+    )

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
+import gzip
 import json
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
+import scipy.io
 
-from fg_nav.errors import FgNavError, FormatError, RecordingError
+from fg_nav.errors import FormatError, RecordingError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io import read, read_raw, tables
 from fg_nav.lab.simulation import simulate
@@ -18,7 +20,6 @@ from fg_nav.recording import RawRecording
 from tests.io.samples import tilting, write_xio
 
 RAW = tilting(np.random.default_rng(12), duration_s=6.0, rate_hz=100.0, still_s=1.0)
-assert RAW.mag is not None
 SHORT = ["t", "ax", "ay", "az", "gx", "gy", "gz"]
 
 
@@ -34,11 +35,8 @@ def write(path: Path, names: Sequence[str], table: np.ndarray, separator: str = 
 
 def is_the_same(raw: RawRecording, mag: bool = False) -> bool:
     np.testing.assert_allclose(raw.t - raw.t[0], RAW.t, atol=1e-6)
-    np.testing.assert_allclose(raw.acc, RAW.acc, atol=1e-6)
-    np.testing.assert_allclose(raw.gyr, RAW.gyr, atol=1e-6)
-    if mag:
-        assert raw.mag is not None
-        np.testing.assert_allclose(raw.mag, RAW.mag, atol=1e-6)
+    for name in ("acc", "gyr", *(["mag"] if mag else [])):
+        np.testing.assert_allclose(getattr(raw, name), getattr(RAW, name), atol=1e-6)
     return raw.provenance.format == "table"
 
 
@@ -46,21 +44,16 @@ UNITS = ["Time [ms]", *(f"Acc {a} [g]" for a in "XYZ"), *(f"gyro_{a} (deg/s)" fo
 IN_UNITS = table_of(RAW, 1e3, 1 / GRAVITY_M_S2, 180 / np.pi)
 
 
-@pytest.mark.parametrize("separator", [",", ";", "\t", "|", ", ", "  "])
-@pytest.mark.parametrize("end", ["", "last"])
-def test_separators_and_one_at_the_end(separator: str, end: str, tmp_path: Path) -> None:
-    if end and separator == "  ":
-        pytest.skip("a blank at the end separates nothing")
-    names = SHORT if separator == "  " else UNITS
-    table = table_of(gyr=180 / np.pi) if separator == "  " else IN_UNITS
-    path = write(tmp_path / "walk.csv", names, table, separator, separator if end else "")
-    assert is_the_same(read_raw(path))
-
-
-@pytest.mark.parametrize("separator", [";", "\t", " "])
-def test_decimal_commas(separator: str, tmp_path: Path) -> None:
-    path = write(tmp_path / "walk.csv", SHORT, table_of(), separator)
-    path.write_text(path.read_text().replace(".", ","))
+def test_separators_one_at_the_end_decimal_commas_and_gzip(tmp_path: Path) -> None:
+    path = tmp_path / "walk.csv"
+    for separator in (",", ";", "\t", "|", ", "):
+        for end in ("", separator):
+            assert is_the_same(read_raw(write(path, UNITS, IN_UNITS, separator, end)))
+    assert is_the_same(read_raw(write(path, SHORT, table_of(gyr=180 / np.pi), "  ")))
+    for separator in (";", "\t", " "):
+        path.write_text(write(path, SHORT, table_of(), separator).read_text().replace(".", ","))
+        assert is_the_same(read_raw(path))
+    path.write_bytes(gzip.compress(write(path, UNITS, IN_UNITS).read_bytes()))
     assert is_the_same(read_raw(path))
 
 
@@ -72,11 +65,7 @@ def test_lines_above_a_row_of_units_and_comments(tmp_path: Path) -> None:
     raw = read_raw(path)
     assert is_the_same(raw)
     assert raw.row[[0, 9, 10]].tolist() == [6, 15, 17]
-
-
-def test_header_in_a_comment(tmp_path: Path) -> None:
-    path = tmp_path / "walk.txt"
-    np.savetxt(path, table_of(), header=" ".join(SHORT))
+    np.savetxt(path, table_of(), header=" ".join(SHORT))  # in a comment
     assert is_the_same(read_raw(path))
 
 
@@ -90,15 +79,36 @@ def test_header_of_two_rows(tmp_path: Path) -> None:
         read(path)
 
 
-@pytest.mark.parametrize("time", [1.0, 1e3, 1e6, 1e9])
+def test_both_feet_in_one_file_of_two_header_rows(tmp_path: Path) -> None:
+    names = ["axis", *(f"{what}_{axis}" for what in ("acc", "gyr") for axis in "xyz")] * 2
+    other = np.column_stack([table_of(), 2.0 * RAW.acc, RAW.gyr])
+    path = write(tmp_path / "feet.csv", [*names[:7], *names[8:]], other)
+    feet = ["sensor", *["left_foot"] * 6, *["right_foot"] * 6]
+    path.write_text(",".join(feet) + "\n" + path.read_text().replace("axis", "time", 1))
+    with pytest.raises(FormatError, match=r"more than one acceleration .*'left_foot acc_x'.*--sensor"):
+        read_raw(path)
+    assert is_the_same(read_raw(path, sensor="left"))
+
+
+@pytest.mark.parametrize("time", [1.0, 1e3, 1e4, 1e6, 1e9])
 @pytest.mark.parametrize(("acc", "unit"), [(1.0, "m/s^2"), (1 / GRAVITY_M_S2, "g"), (1e3 / GRAVITY_M_S2, "mg")])
 def test_units_that_the_samples_show(time: float, acc: float, unit: str, tmp_path: Path) -> None:
-    raw = read_raw(write(tmp_path / "walk.csv", SHORT, table_of(RAW, time, acc, 180 / np.pi)))
-    assert is_the_same(raw)
-    notes = " ".join(raw.provenance.notes)
-    assert f"acc is taken for {unit}" in notes
-    assert "gyr is taken for deg/s" in notes
-    assert ("the stamps 't' are taken for" in notes) == (time != 1.0)
+    for gyr, rate_unit in ((1.0, "rad/s"), (180 / np.pi, "deg/s")):
+        raw = read_raw(write(tmp_path / "walk.csv", SHORT, table_of(RAW, time, acc, gyr)))
+        assert is_the_same(raw)
+        notes = " ".join(raw.provenance.notes)
+        assert f"acc is taken for {unit}" in notes
+        assert f"gyr is taken for {rate_unit}" in notes
+        assert ("the stamps 't' are taken for" in notes) == (time != 1.0)
+
+
+@pytest.mark.parametrize(("gyr", "unit"), [(1.0, "rad/s"), (180 / np.pi, "deg/s")])
+def test_the_gyroscope_of_a_walking_foot_shows_its_unit(gyr: float, unit: str, tmp_path: Path) -> None:
+    walk = simulate("demo", 1).recording.slice(3000, 7000)
+    table = np.column_stack([walk.t, walk.acc, walk.gyr * gyr])
+    raw = read_raw(write(tmp_path / "walk.csv", SHORT, table))
+    assert f"gyr is taken for {unit}, by its peak" in raw.provenance.notes[-1]
+    np.testing.assert_allclose(raw.gyr, walk.gyr, atol=1e-6)
 
 
 def test_a_gyroscope_at_rest_is_asked_for_with_the_command_to_type(tmp_path: Path) -> None:
@@ -139,11 +149,12 @@ def test_counts_with_the_scale_of_a_data_sheet(tmp_path: Path) -> None:
 def test_a_table_without_a_header(tmp_path: Path) -> None:
     path = write(tmp_path / "walk.csv", SHORT, table_of()[:, [4, 5, 6, 1, 2, 3, 0]])
     path.write_text("".join(path.read_text().splitlines(keepends=True)[1:]))
-    with pytest.raises(FormatError, match=r"7 columns and no header.*time=1,acc=2:3:4,gyr=5:6:7"):
-        read_raw(path, "table")
-    raw = read_raw(path, columns="time=7[s],acc=4:5:6[m/s^2],gyr=1:2:3[rad/s]")
-    assert is_the_same(raw)
-    assert raw.row[0] == 1
+    np.save(tmp_path / "walk.npy", table_of()[:, [4, 5, 6, 1, 2, 3, 0]])
+    for one in (path, tmp_path / "walk.npy"):
+        with pytest.raises(FormatError, match=r"7 columns and no header.*time=1,acc=2:3:4,gyr=5:6:7"):
+            read_raw(one, "table")
+        assert is_the_same(read_raw(one, columns="time=7[s],acc=4:5:6[m/s^2],gyr=1:2:3[rad/s]"))
+    assert read_raw(path, columns="time=7[s],acc=4:5:6[m/s^2],gyr=1:2:3[rad/s]").row[0] == 1
 
 
 def test_counters_and_no_clock_at_all(tmp_path: Path) -> None:
@@ -161,85 +172,64 @@ def test_counters_and_no_clock_at_all(tmp_path: Path) -> None:
         read_raw(write(path, SHORT, table_of()), rate_hz=100.0)
     with pytest.raises(FormatError, match="rises by ones"):
         read_raw(write(path, SHORT, np.column_stack([np.arange(len(RAW.t)), RAW.acc, RAW.gyr])))
-    raw = read_raw(path, columns="acc=ax:ay:az,gyr=gx:gy:gz", rate_hz=100.0)
-    assert is_the_same(raw)
+    assert is_the_same(read_raw(path, columns="acc=ax:ay:az,gyr=gx:gy:gz", rate_hz=100.0))
 
 
 @pytest.mark.parametrize("bits", [8, 16])
 def test_a_counter_that_begins_again_keeps_what_was_lost(bits: int, tmp_path: Path) -> None:
     """By the number of the row, the time after a lost packet would be wrong."""
     kept = np.arange(len(RAW.t)) != 450
-    table = table_of(gyr=180 / np.pi)
+    table = table_of(RAW, 1.0, 1 / GRAVITY_M_S2, 180 / np.pi)
     table[:, 0] = (np.arange(len(table)) + 2**bits - 50) % 2**bits
-    names = ["packet_counter", *UNITS[1:]]
-    table[:, 1:4] /= GRAVITY_M_S2
-    raw = read_raw(write(tmp_path / "walk.csv", names, table[kept]), rate_hz=100.0)
+    raw = read_raw(write(tmp_path / "walk.csv", ["packet_counter", *UNITS[1:]], table[kept]), rate_hz=100.0)
     np.testing.assert_allclose(raw.t, RAW.t[kept], atol=1e-9)
     assert raw.provenance.notes[0] == "time is 'packet_counter' at 100 Hz"
     assert raw.provenance.rate_sigma == 0.02
 
 
 @pytest.mark.parametrize(
-    "form", ["%d/%m/%Y %H:%M:%S.%f", "%H:%M:%S.%f", "%m-%d-%Y %I:%M:%S.%f %p", "%Y-%m-%d %H:%M:%S:%f"]
+    ("form", "is_dated"),
+    [
+        *((form, True) for form in ("%Y-%m-%d %H:%M:%S.%f", "%Y/%m/%d %H:%M:%S.%f", "%Y-%m-%dT%H:%M:%S.%fZ")),
+        *((form, False) for form in ("%d/%m/%Y %H:%M:%S.%f", "%H:%M:%S.%f", "%m-%d-%Y %I:%M:%S.%f %p")),
+        ("%Y-%m-%d %H:%M:%S:%f", False),
+    ],
 )
-def test_clocks_in_another_form_are_times_of_day(form: str, tmp_path: Path) -> None:
-    """Over midnight, by the time of day alone: which number is the month matters to no path."""
-    pd = pytest.importorskip("pandas")
-    stamps = pd.to_datetime(1.6e9 - 1.6e9 % 86400 - 3.0 + RAW.t, unit="s").round("ms").strftime(form)
+def test_stamps_that_are_dates_or_times_of_day(form: str, is_dated: bool, tmp_path: Path) -> None:
+    """Over midnight; of a date in another form the time of day counts alone: which number is the month is open."""
+    start = 1.6e9 - 1.6e9 % 86400 - 3.0
+    stamps = pd.to_datetime(start + RAW.t, unit="s").round("ms").strftime(form)
     rows = write(tmp_path / "walk.csv", UNITS, IN_UNITS).read_text().splitlines()
     dated = [f"{stamp},{row.split(',', 1)[1]}" for stamp, row in zip(stamps, rows[1:], strict=True)]
     path = tmp_path / "dated.csv"
     path.write_text("\n".join([rows[0].replace(" [ms]", ""), *dated]))
-    assert is_the_same(read_raw(path))
+    raw = read_raw(path)
+    assert is_the_same(raw)
+    assert "stamps" not in " ".join(raw.provenance.notes)  # they need no unit
+    assert not is_dated or raw.t[0] == pytest.approx(start, abs=1e-3)
     without = "acc=Acc X:Acc Y:Acc Z[g],gyr=gyro_x:gyro_y:gyro_z[deg/s]"
     assert is_the_same(read_raw(path, columns=without, rate_hz=100.0))
 
 
-@pytest.mark.parametrize("form", ["%Y-%m-%d %H:%M:%S.%f", "%Y/%m/%d %H:%M:%S.%f", "%Y-%m-%dT%H:%M:%S.%fZ"])
-def test_stamps_that_are_dates(form: str, tmp_path: Path) -> None:
-    pd = pytest.importorskip("pandas")
-    stamps = pd.to_datetime(1.6e9 + RAW.t, unit="s").round("ms").strftime(form)
-    path = write(tmp_path / "walk.csv", SHORT, table_of())
-    header, *rows = path.read_text().splitlines()
-    dated = [f"{stamp},{row.split(',', 1)[1]}" for stamp, row in zip(stamps, rows, strict=True)]
-    path.write_text("\n".join([header, *dated]))
-    raw = read_raw(path)
-    assert is_the_same(raw)
-    assert raw.t[0] == pytest.approx(1.6e9, abs=1e-3)
-
-
 def test_magnetometers(tmp_path: Path) -> None:
-    names = [*SHORT, "mx", "my", "mz"]
-    path = tmp_path / "walk.csv"
+    names, path = [*SHORT, "mx", "my", "mz"], tmp_path / "walk.csv"
     assert is_the_same(read_raw(write(path, names, np.column_stack([table_of(), RAW.mag]))), mag=True)
     raw = read_raw(write(path, names, np.column_stack([table_of(), RAW.mag / 47.4])))
     assert raw.mag is None
     assert "the magnetometer names no unit" in raw.provenance.notes[-1]
-    raw = read_raw(path, columns="time=t[s],acc=ax:ay:az,gyr=gx:gy:gz[rad/s],mag=mx:my:mz[a.u.]")
-    assert raw.mag is None
-    raw = read_raw(path, columns="time=t[s],acc=ax:ay:az,gyr=gx:gy:gz[rad/s],mag=mx:my:mz[47.4 uT]")
-    assert is_the_same(raw, mag=True)
+    mapped = "time=t[s],acc=ax:ay:az,gyr=gx:gy:gz[rad/s],mag=mx:my:mz"
+    assert read_raw(path, columns=f"{mapped}[a.u.]").mag is None
+    assert is_the_same(read_raw(path, columns=f"{mapped}[47.4 uT]"), mag=True)
 
 
-def test_npz(tmp_path: Path) -> None:
+def test_arrays_without_names_of_axes_and_an_index_of_instants(tmp_path: Path) -> None:
     path = tmp_path / "walk.npz"
-    np.savez(path, timestamps=RAW.t, acc_g=RAW.acc / GRAVITY_M_S2, gyro_rad_s=RAW.gyr, mag_uT=RAW.mag, note="x")
-    assert is_the_same(read_raw(path), mag=True)
-    np.savez_compressed(path, t=RAW.t * 1e3, imu=np.column_stack([RAW.acc, RAW.gyr]))
-    assert is_the_same(read_raw(path))
     np.savez(path, ts=RAW.t, one=RAW.acc, two=RAW.gyr)
     with pytest.raises(FormatError, match=r"no column for acceleration among 'ts', 'one 1'"):
         read_raw(path)
     assert is_the_same(read_raw(path, columns="time=ts,acc=one 1:one 2:one 3[m/s^2],gyr=two 1:two 2:two 3[rad/s]"))
-
-
-def test_parquet(tmp_path: Path) -> None:
     pytest.importorskip("pyarrow", reason="Parquet needs pyarrow")
-    pd = pytest.importorskip("pandas")
-    path = tmp_path / "walk.parquet"
-    frame = pd.DataFrame(table_of(), columns=SHORT)
-    frame.to_parquet(path)
-    assert is_the_same(read_raw(path))
+    frame, path = pd.DataFrame(table_of(), columns=SHORT), tmp_path / "walk.parquet"
     frame.assign(t=pd.to_datetime(frame["t"], unit="s")).set_index("t").to_parquet(path)
     assert is_the_same(read_raw(path))
 
@@ -253,88 +243,36 @@ def test_a_table_is_opened_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert opened == ["walk.json"]
 
 
-def test_gzip_of_a_table(tmp_path: Path) -> None:
-    import gzip
-
-    path = write(tmp_path / "walk.csv", UNITS, IN_UNITS)
-    packed = tmp_path / "walk.csv.gz"
-    packed.write_bytes(gzip.compress(path.read_bytes()))
-    assert is_the_same(read_raw(packed))
-
-
-def test_columns_leave_no_room_for_a_format(tmp_path: Path) -> None:
-    path = write(tmp_path / "walk.csv", UNITS, IN_UNITS)
-    with pytest.raises(FormatError, match="--columns maps a table"):
-        read_raw(path, "xio", columns="acc=1:2:3,gyr=4:5:6")
+def test_options_where_there_is_none_to_choose(tmp_path: Path) -> None:
+    path = tmp_path / "walk.csv"
+    write_xio(RAW, path)
+    for options, words in (
+        ({"rate_hz": 100.0}, "of format 'xio', which has no rate to choose: leave --rate out"),
+        ({"sensor": "left"}, "no sensor to choose"),
+        ({"format": "xio", "columns": "acc=1:2:3,gyr=4:5:6"}, "--columns maps a table"),
+    ):
+        with pytest.raises(FormatError, match=words):
+            read_raw(path, **options)
 
 
-def test_broken_binary_tables_are_named(tmp_path: Path) -> None:
-    pytest.importorskip("pyarrow", reason="Parquet needs pyarrow")
-    pd = pytest.importorskip("pandas")
-    rng = np.random.default_rng(4)
-    for name in ("walk.npz", "walk.parquet"):
-        path = tmp_path / name
-        if name.endswith("npz"):
-            np.savez_compressed(path, t=RAW.t, acc=RAW.acc, gyr=RAW.gyr)
-        else:
-            pd.DataFrame(table_of(), columns=SHORT).to_parquet(path)
-        whole = path.read_bytes()
-        for _ in range(40):
-            data = bytearray(whole)
-            at = int(rng.integers(len(data)))
-            data[at : at + int(rng.integers(1, 40))] = rng.bytes(int(rng.integers(0, 40)))
-            path.write_bytes(data if rng.random() < 0.7 else whole[:at])
-            with contextlib.suppress(FgNavError):
-                read(path)
-
-
-STARTS = [
-    (json.dumps([{"t": k, "acc": [0, [1], 9.8]} for k in range(3)]).encode(), "no whole JSON of samples"),
-    (b"stride,x_m,y_m\n0,0,0\n1,1,1\n", r"is no recording but footprints: .*--truth"),
-    (b"time_s,x_m,y_m,z_m,sigma_m\n1,2,3,4,1\n", "is no recording but known positions.*--fixes"),
-    (b'{\n "format": "fg-nav calibration",\n "version": 1\n}', "is no recording but a calibration.*--calibration"),
-    (
-        b"# t x y z qx qy qz qw\n" + b"".join(b"%d.5 0 0 0 0 0 0.6 0.8\n" % k for k in range(9)),
-        "is no recording but a true path.*--truth",
-    ),
-    (b"1 2 3 4 1e300 0 0 1\n" * 9, r"8 columns and no header"),
-    (b"\x89HDF\r\n\x1a\n\0\0", "HDF5 file"),
-    (b"a,b,c,d,e,f,g\n" + b"1,2,3,4,5,6,7\n" * 9, r"no column for acceleration among 'a', 'b'.*--columns \"acc=NAME"),
-    (b"t,ax,ay,az,p,q,r\n" + b"1,2,3,4,5,6,7\n" * 9, r"no column for angular rate among .*gyr=NAME"),
-    (b"1,2,3,4,5,6,7\n" * 9, r"7 columns and no header.*time=1,acc=2:3:4,gyr=5:6:7"),
-    (b"dear reader,\nno numbers here\n", r"none of the \d+ formats.*text without a table.*fg-nav inspect"),
-]
-
-
-@pytest.mark.parametrize(("gyr", "unit"), [(1.0, "rad/s"), (180 / np.pi, "deg/s")])
-def test_the_gyroscope_of_a_walking_foot_shows_its_unit(gyr: float, unit: str, tmp_path: Path) -> None:
-    walk = simulate("demo", 1).recording.slice(3000, 7000)
-    table = np.column_stack([walk.t, walk.acc, walk.gyr * gyr])
-    raw = read_raw(write(tmp_path / "walk.csv", SHORT, table))
-    assert f"gyr is taken for {unit}, by its peak" in raw.provenance.notes[-1]
-    np.testing.assert_allclose(raw.gyr, walk.gyr, atol=1e-6)
-
-
-def test_both_feet_in_one_file_of_two_header_rows(tmp_path: Path) -> None:
-    names = ["axis", *(f"{what}_{axis}" for what in ("acc", "gyr") for axis in "xyz")] * 2
-    other = np.column_stack([table_of(), 2.0 * RAW.acc, RAW.gyr])
-    path = write(tmp_path / "feet.csv", [*names[:7], *names[8:]], other)
-    feet = ["sensor", *["left_foot"] * 6, *["right_foot"] * 6]
-    path.write_text(",".join(feet) + "\n" + path.read_text().replace("axis", "time", 1))
-    with pytest.raises(FormatError, match=r"more than one acceleration .*'left_foot acc_x'.*--sensor"):
-        read_raw(path)
-    assert is_the_same(read_raw(path, sensor="left"))
-
-
-def test_a_rate_or_sensor_where_there_is_none_to_choose(tmp_path: Path) -> None:
-    write_xio(RAW, tmp_path / "walk.csv")
-    with pytest.raises(FormatError, match="of format 'xio', which has no rate to choose: leave --rate out"):
-        read_raw(tmp_path / "walk.csv", rate_hz=100.0)
-    with pytest.raises(FormatError, match="no sensor to choose"):
-        read_raw(tmp_path / "walk.csv", sensor="left")
-
-
-@pytest.mark.parametrize(("content", "words"), STARTS)
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (json.dumps([{"t": k, "acc": [0, [1], 9.8]} for k in range(3)]).encode(), "no whole JSON of samples"),
+        (b"stride,x_m,y_m\n0,0,0\n1,1,1\n", r"is no recording but footprints: .*--truth"),
+        (b"time_s,x_m,y_m,z_m,sigma_m\n1,2,3,4,1\n", "is no recording but known positions.*--fixes"),
+        (b'{\n "format": "fg-nav calibration",\n "version": 1\n}', "is no recording but a calibration.*--calibration"),
+        (
+            b"# t x y z qx qy qz qw\n" + b"".join(b"%d.5 0 0 0 0 0 0.6 0.8\n" % k for k in range(9)),
+            "is no recording but a true path.*--truth",
+        ),
+        (b"1 2 3 4 1e300 0 0 1\n" * 9, r"8 columns and no header"),
+        (b"\x89HDF\r\n\x1a\n\0\0", "HDF5 file"),
+        (b"a,b,c,d,e,f,g\n" + b"1,2,3,4,5,6,7\n" * 9, r"no column for acceleration among 'a', 'b'.*\"acc=NAME"),
+        (b"t,ax,ay,az,p,q,r\n" + b"1,2,3,4,5,6,7\n" * 9, r"no column for angular rate among .*gyr=NAME"),
+        (b"dear reader,\nno numbers here\n", r"none of the \d+ formats.*text without a table.*fg-nav inspect"),
+    ],
+)
 def test_the_nearest_to_what_is_not_known(content: bytes, words: str, tmp_path: Path) -> None:
     path = tmp_path / "walk.csv"
     path.write_bytes(content)
@@ -346,12 +284,9 @@ def test_the_nearest_to_what_is_not_known(content: bytes, words: str, tmp_path: 
 
 
 def test_the_nearest_in_a_folder_and_in_a_matlab_file(tmp_path: Path) -> None:
-    import scipy.io
-
     folder = tmp_path / "walk"
     folder.mkdir()
-    for name in ("acc", "gyr"):
-        own = RAW.acc if name == "acc" else RAW.gyr
+    for name, own in (("acc", RAW.acc), ("gyr", RAW.gyr)):
         write(folder / f"{name}.csv", ["t", *(f"{name}_{axis}" for axis in "xyz")], np.column_stack([RAW.t, own]))
     np.testing.assert_allclose(read(folder).gyr, RAW.gyr, atol=1e-6)
     write(folder / "acc.txt", ["t", "ax", "ay", "az"], table_of()[:, :4])

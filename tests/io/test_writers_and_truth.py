@@ -1,7 +1,6 @@
 """Canonical CSV goes round exactly; TUM and footprints are read as they were written."""
 
 import tempfile
-import time
 from pathlib import Path
 
 import numpy as np
@@ -29,67 +28,38 @@ def test_canonical_goes_round_to_the_last_bit(rows: list[tuple[float, ...]]) -> 
     path = Path(SCRATCH.name) / "walk.csv"
     write_canonical(RawRecording(table[:, 0], table[:, 1:4], table[:, 4:7], np.arange(len(table)), table[:, 7:]), path)
     raw = read_raw(path)
-    assert raw.mag is not None
     np.testing.assert_array_equal(np.column_stack([raw.t, raw.acc, raw.gyr, raw.mag]), table)
 
 
 def test_canonical_without_magnetometer_samples(tmp_path: Path) -> None:
     path = tmp_path / "walk.csv"
-    assert RAW.mag is not None
     sparse = np.where(np.arange(len(RAW.t))[:, None] % 4 == 0, RAW.mag, np.nan)
     write_canonical(RawRecording(RAW.t, RAW.acc, RAW.gyr, RAW.row, sparse), path)
     assert path.read_text().splitlines()[2].endswith(",,,")
     np.testing.assert_array_equal(read_raw(path).mag, sparse)
     write_canonical(RawRecording(RAW.t, RAW.acc, RAW.gyr, RAW.row), path)
     assert read_raw(path).mag is None
-    assert path.read_text().splitlines()[0] == (
-        "time_s,acc_x_m_s2,acc_y_m_s2,acc_z_m_s2,gyr_x_rad_s,gyr_y_rad_s,gyr_z_rad_s"
-    )
+    with pytest.raises(OutputError, match="cannot be written"):
+        write_canonical(RAW, tmp_path / "nowhere" / "walk.csv")
 
 
-def test_canonical_columns_in_any_order_with_others_between(tmp_path: Path) -> None:
-    path = tmp_path / "walk.csv"
-    write_canonical(RAW, path)
-    lines = [line.split(",") for line in path.read_text().splitlines()]
-    path.write_text("\n".join(",".join([*line[::-1], "note" if k == 0 else "x"]) for k, line in enumerate(lines)))
-    raw = read_raw(path)
-    np.testing.assert_array_equal(raw.acc, RAW.acc)
-    np.testing.assert_array_equal(raw.mag, RAW.mag)
-
-
-def test_tum_goes_round(tmp_path: Path) -> None:
+def test_tum_goes_round_in_its_field_order(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     t = np.arange(50) / 200 + 1.5e9
     position, nav_R_body = rng.normal(size=(50, 3)), Rotation.random(50, rng=rng).as_matrix()
     path = tmp_path / "truth.tum"
     write_tum(path, t, position, nav_R_body)
-    truth = read_truth(path)
-    assert isinstance(truth, TrajectoryTruth)
-    np.testing.assert_allclose(truth.t, t, atol=3e-7)
-    np.testing.assert_allclose(truth.position, position, atol=1e-9)
-    np.testing.assert_allclose(truth.nav_R_body, nav_R_body, atol=1e-8)
-    path.write_text("# timestamp tx ty tz qx qy qz qw\n" + path.read_text())
-    assert len(read_truth(path).t) == 50  # type: ignore[union-attr]
-
-
-def test_tum_follows_its_field_order(tmp_path: Path) -> None:
-    path = tmp_path / "truth.tum"
+    for _ in range(2):
+        truth = read_truth(path)
+        assert isinstance(truth, TrajectoryTruth)
+        np.testing.assert_allclose(truth.t, t, atol=3e-7)
+        np.testing.assert_allclose(truth.position, position, atol=1e-9)
+        np.testing.assert_allclose(truth.nav_R_body, nav_R_body, atol=1e-8)
+        path.write_text("# timestamp tx ty tz qx qy qz qw\n" + path.read_text())
     quarter_turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     write_tum(path, np.array([0.5]), np.array([[1.0, 2.0, 3.0]]), quarter_turn[None])
     numbers = [float(field) for field in path.read_text().split()]
     np.testing.assert_allclose(numbers, [0.5, 1, 2, 3, 0, 0, np.sqrt(0.5), np.sqrt(0.5)], atol=1e-9)
-
-
-def test_writing_is_fast(tmp_path: Path) -> None:
-    n = 100_000
-    began = time.process_time()
-    write_tum(tmp_path / "long.tum", np.arange(n) / 200, np.ones((n, 3)), np.tile(np.eye(3), (n, 1, 1)))
-    assert time.process_time() - began < 2.0  # 0.3 s here; a loop over rows takes tens of seconds for 1.5M
-
-
-def test_no_place_to_write(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match="cannot be written"):
-        write_canonical(RAW, tmp_path / "nowhere" / "walk.csv")
 
 
 def test_footprints_as_csv(tmp_path: Path) -> None:
@@ -103,13 +73,18 @@ def test_footprints_as_csv(tmp_path: Path) -> None:
 
 
 def test_truth_from_matlab_files(tmp_path: Path) -> None:
-    write_pyshoe(RAW, tmp_path / "a.mat")
-    write_broad(RAW, tmp_path / "b.mat")
-    xy = np.zeros((2, 2))
-    scipy.io.savemat(tmp_path / "c.mat", {"GCP_meters": xy, "GCP_stride_numbers": np.arange(2, dtype=np.uint8)})
-    assert isinstance(read_truth(tmp_path / "a.mat"), TrajectoryTruth)
-    assert isinstance(read_truth(tmp_path / "b.mat"), TrajectoryTruth)
-    assert isinstance(read_truth(tmp_path / "c.mat"), FootprintTruth)
+    path, stride = tmp_path / "walk.mat", np.arange(2, dtype=np.uint8)
+    write_pyshoe(RAW, path)
+    assert isinstance(read_truth(path), TrajectoryTruth)
+    write_broad(RAW, path)
+    assert isinstance(read_truth(path), TrajectoryTruth)
+    scipy.io.savemat(path, {"GCP_meters": np.zeros((2, 2)), "GCP_stride_numbers": stride})
+    assert isinstance(read_truth(path), FootprintTruth)
+    with pytest.raises(FormatError, match="surveyed footprints, no recording"):
+        read_raw(path)
+    scipy.io.savemat(path, {"imu": np.column_stack([RAW.acc, RAW.gyr]), "ts": RAW.t})
+    with pytest.raises(FormatError, match="neither footprints nor a true path"):
+        read_truth(path)
 
 
 @pytest.mark.parametrize(
@@ -135,18 +110,9 @@ def test_truth_that_is_none(text: str, message: str, tmp_path: Path) -> None:
         read_truth(path)
 
 
-def test_matlab_file_without_truth(tmp_path: Path) -> None:
-    path = tmp_path / "a.mat"
-    scipy.io.savemat(path, {"imu": np.column_stack([RAW.acc, RAW.gyr]), "ts": RAW.t})
-    with pytest.raises(FormatError, match="neither footprints nor a true path"):
-        read_truth(path)
-
-
 def test_pyshoe_labels(tmp_path: Path) -> None:
     path = tmp_path / "a.mat"
     write_pyshoe(RAW, path)
-    labels = read_pyshoe_labels(path)
-    assert labels.dtype == np.bool_
-    np.testing.assert_array_equal(labels, RAW.t < 2.0)
+    np.testing.assert_array_equal(read_pyshoe_labels(path), RAW.t < 2.0)
     with pytest.raises(FormatError, match="no variable 'zv_ared_opt'"):
         read_pyshoe_labels(path, "ared")

@@ -23,6 +23,7 @@ from fg_nav.online.estimates import (
     StanceEstimate,
     format_estimate,
     format_feet_line,
+    format_revision,
 )
 from fg_nav.online.feet import FeetNavigator, FeetWalk
 from fg_nav.online.navigator import OnlineNavigator
@@ -214,8 +215,9 @@ def push_in_g(navigator: FeetNavigator, sides: tuple[Side, ...]) -> list[FeetLin
 def line_texts(found: list[FeetLine], side: Side) -> list[str]:
     texts = []
     for line in (one for one in found if one.foot == side and not isinstance(one.content, FootState)):
-        estimate = line.content
-        texts += [format_estimate(estimate, False)] if isinstance(estimate, StanceEstimate) else format_feet_line(line)
+        content = line.content
+        assert isinstance(content, StanceEstimate | Revision)
+        texts += [format_estimate(content, False)] if isinstance(content, StanceEstimate) else format_revision(content)
     return texts
 
 

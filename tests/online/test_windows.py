@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fg_nav.detection.stance import StanceParameters
 from fg_nav.online import resolve, smoother, strides
 from fg_nav.online.buffer import OnlineOptions, Pace, SampleBuffer, rows_of
 from fg_nav.online.resolve import Solver, SolverProcess, Task, WalkSolver
@@ -78,7 +77,7 @@ class InPieces:
     def __init__(self, options: OnlineOptions, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(resolve, "NICENESS", 0)
         monkeypatch.setattr(resolve, "_solvers", {})
-        resolve._set_up({None: options}, StanceParameters())
+        resolve._set_up({None: options})
         self.pace = Pace()
 
     @property
@@ -104,7 +103,7 @@ def test_what_solves_beside_holds_a_window_of_samples_and_says_the_same(
     here, buffer = fed(in_field(), options), SampleBuffer()
     beside = InPieces(options, monkeypatch)
     rows = rows_of(in_field().recording)
-    solver = Solver(WalkSolver(options, StanceParameters(), buffer), beside)
+    solver = Solver(WalkSolver(options, buffer), beside)
     there = OnlineSmoother(options, buffer, solver=solver)
     buffer.append(rows)
     kept = []
@@ -140,7 +139,7 @@ def test_a_walk_goes_on_without_a_solution_that_is_late(monkeypatch: pytest.Monk
     monkeypatch.setattr(smoother, "FAST", np.inf)
     monkeypatch.setattr(Late, "late", late)
     options, buffer = OnlineOptions(), SampleBuffer()
-    solver = Late(WalkSolver(options, StanceParameters(), buffer), InPieces(options, monkeypatch))
+    solver = Late(WalkSolver(options, buffer), InPieces(options, monkeypatch))
     online = OnlineSmoother(options, buffer, solver=solver)
     buffer.append(rows_of(demo().recording))
     begun = []
@@ -167,8 +166,8 @@ def test_a_process_beside_says_the_same_and_is_replaced_where_it_dies(
     options = OnlineOptions()
     here = fed(walk, options, 32)
     buffer.append(rows_of(walk.recording))
-    process = SolverProcess({None: options}, StanceParameters())
-    solver = Solver(WalkSolver(options, StanceParameters(), buffer), process, remarks.append)
+    process = SolverProcess({None: options})
+    solver = Solver(WalkSolver(options, buffer), process, remarks.append)
     assert process.pid is None
     try:
         there = OnlineSmoother(options, buffer, solver=solver)
@@ -190,11 +189,10 @@ def test_a_process_beside_says_the_same_and_is_replaced_where_it_dies(
 
 LEFT_RUNNING = """
 import os, signal, sys
-from fg_nav.detection.stance import StanceParameters
 from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.resolve import SolverProcess
 signal.signal(signal.SIGINT, signal.default_int_handler)  # A shell may have it ignored in the background.
-process = SolverProcess({None: OnlineOptions()}, StanceParameters())
+process = SolverProcess({None: OnlineOptions()})
 process._worker.submit(os.getpid).result()
 print(process.pid, flush=True)
 os.kill(process.pid if sys.argv[1] == "stopped" else os.getpid(), getattr(signal, sys.argv[2]))

@@ -26,16 +26,9 @@ def test_true_stretches_agree_and_a_false_one_is_left_out():
     assert all(any(s is t for t in true) for s in kept)
 
 
-def test_a_stretch_alone_has_to_be_sure():
+def test_a_stretch_alone_has_to_be_sure_and_the_recognized_ones_agree():
     alone = between(110.0, 14.0, expected=1e-2)
-    assert select_consistent(WALK, [alone], SURE) == ()
+    assert select_consistent(WALK, [], SURE) == select_consistent(WALK, [alone], SURE) == ()
     assert select_consistent(WALK, [alone, replace(between(140.0, 44.0), expected_false=1e-6)], SURE)
-
-
-def test_nothing_comes_of_nothing():
-    assert select_consistent(WALK, [], SURE) == ()
-
-
-def test_the_recognized_ones_agree():
     found = recognize(WALK, SURE).stretches
     assert len(select_consistent(WALK, found, SURE)) == len(found) > 0

@@ -35,42 +35,24 @@ def saved(path: Signature) -> SavedPlaces:
     return SavedPlaces(path, np.full((len(path), 3), 0.1))
 
 
-@pytest.mark.parametrize("opposite", [False, True])
-def test_a_piece_is_found_where_it_lies(known, opposite):
-    found = overlay_known(walk(8, PART[::-1] if opposite else PART), known)
-    best = found.stretches[0]
-    assert best.opposite == opposite
-    assert best.expected_false < 1e-6
-    assert best.earlier[0] == pytest.approx(133.0 if opposite else 50.0, abs=1.0)
-    assert found.chance.decay == USUAL_DECAY
+def test_a_piece_is_found_where_it_lies_that_no_alignment_shows(known):
+    for path, opposite, earlier in ((PART, False, 50.0), (PART[::-1], True, 133.0)):
+        found = overlay_known(walk(8, path), known)
+        best = found.stretches[0]
+        assert best.opposite == opposite
+        assert best.expected_false < 1e-6
+        assert best.earlier[0] == pytest.approx(earlier, abs=1.0)
+        assert found.chance.decay == USUAL_DECAY
+    assert all(one.expected_false > LONE_EXPECTED for one in recognize_known(walk(8), known).stretches)
+    located = locate(walk(8), saved(known))
+    assert located is not None
+    assert np.linalg.norm(located.start[:2] - START) < 1.0
 
 
-def test_a_walk_is_located_that_no_alignment_shows(known):
-    path = walk(8)
-    assert all(stretch.expected_false > LONE_EXPECTED for stretch in recognize_known(path, known).stretches)
-    found = locate(path, saved(known))
-    assert found is not None
-    assert np.linalg.norm(found.start[:2] - START) < 1.0
-
-
-@pytest.mark.parametrize("seed", range(20, 26))
-def test_a_walk_on_another_floor_is_not_found(known, seed):
-    assert all(stretch.expected_false > LONE_EXPECTED for stretch in overlay_known(walk(seed), known).stretches)
-    assert locate(walk(seed), saved(known)) is None
-
-
-def test_a_walk_that_could_be_at_two_places_is_not_found():
-    """Two corridors alike, 80 m apart."""
-    floor = soft(8)
-
-    class Twice:
-        def at(self, place):
-            return floor.at(np.column_stack([np.mod(place[:, 0], 80.0), place[:, 1], place[:, 2]]))
-
-    twice = carry(Twice(), along([(0, 0), (159, 0)]), noise_uT=0.1)
-    path = walk(8, along([(20, 0), (62, 0)]))
-    assert len(overlay_known(path, twice).stretches) == 2
-    assert locate(path, saved(twice)) is None
+def test_a_walk_on_another_floor_is_not_found(known):
+    for seed in range(20, 26):
+        assert all(one.expected_false > LONE_EXPECTED for one in overlay_known(walk(seed), known).stretches)
+        assert locate(walk(seed), saved(known)) is None
 
 
 def test_iron_of_the_shoe_and_a_soft_one_change_nothing(known):
@@ -113,9 +95,5 @@ def test_pieces_cover_a_long_walk_and_a_short_one_is_left(known):
     assert begins[0] == 0
     assert begins[-1] == len(known) - PIECE
     assert np.diff(begins).max() <= HOP
-    assert overlay_known(replace_points(known, MIN_POINTS - 1), known).stretches == ()
-
-
-def replace_points(path: Signature, count: int) -> Signature:
-    """The first points of a path."""
-    return Signature(**{name: column[:count] for name, column in vars(path).items()})
+    few = Signature(**{name: column[: MIN_POINTS - 1] for name, column in vars(known).items()})
+    assert overlay_known(few, known).stretches == ()

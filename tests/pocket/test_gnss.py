@@ -41,10 +41,13 @@ def walk_with_fixes(rng, sigma=3.0, outliers=0.0, every=2):
 @pytest.mark.parametrize("outliers", [0.0, 0.15])
 def test_heading_and_scale_come_back(heading_sigma, outliers):
     t, steps, true, fixes = walk_with_fixes(np.random.default_rng(1), outliers=outliers)
+    fixes[40] = replace(fixes[40], position=np.array([500.0, 0.0, 0.0]))
     fused = fuse_fixes(t, steps, fixes, heading_sigma, 0.1)
     assert np.degrees(np.mean(fused.turn)) == pytest.approx(25.0, abs=3.0)
+    assert np.degrees(fused.turn[0]) == pytest.approx(25.0, abs=8.0)  # smoothed from what came later
     assert np.exp(np.mean(fused.log_scale)) == pytest.approx(SCALE, abs=0.03)
     assert np.linalg.norm(fused.position - true, axis=1).mean() < 2.0
+    assert fused.weights[40] < 0.1 < 0.7 < np.median(fused.weights)
 
 
 def test_its_sigmas_are_those_of_its_errors():
@@ -56,22 +59,6 @@ def test_its_sigmas_are_those_of_its_errors():
         off = fused.position[k] - true[k]
         nees.append(off @ np.linalg.solve(fused.covariance[k, :2, :2], off))
     assert 0.3 < np.mean(nees) < 4.0  # of two; the walks of turn and scale are wider than this walk's, which has none
-
-
-def test_an_outlier_loses_its_weight():
-    t, steps, _, fixes = walk_with_fixes(np.random.default_rng(2))
-    fixes[40] = replace(fixes[40], position=np.array([500.0, 0.0, 0.0]))
-    fused = fuse_fixes(t, steps, fixes, np.radians(20.0), 0.1)
-    assert fused.weights[40] < 0.1 < 0.7 < np.median(fused.weights)
-
-
-def test_too_few_fixes_are_refused_in_a_sentence():
-    t, steps, _, fixes = walk_with_fixes(np.random.default_rng(3))
-    with pytest.raises(EstimationError, match="2 of 2 fixes are within the walk"):
-        fuse_fixes(t, steps, fixes[:2], 0.1, 0.1)
-    late = [replace(fix, time_s=fix.time_s + 1e4) for fix in fixes]
-    with pytest.raises(EstimationError, match="recording's own time"):
-        fuse_fixes(t, steps, late, 0.1, 0.1)
 
 
 def test_fixes_that_share_an_error_count_as_one():
@@ -122,7 +109,12 @@ def test_a_simulated_walk_finds_north_and_its_place(thigh, mount):
     assert "of GNSS" in " ".join(found.notes)
 
 
-def test_gnss_is_not_combined_with_other_fixes(thigh):
+def test_what_cannot_be_is_refused_in_a_sentence(thigh):
+    t, steps, _, fixes = walk_with_fixes(np.random.default_rng(3))
+    late = [replace(fix, time_s=fix.time_s + 1e4) for fix in fixes]
+    for given, words in ((fixes[:2], "2 of 2 fixes are within the walk"), (late, "recording's own time")):
+        with pytest.raises(EstimationError, match=words):
+            fuse_fixes(t, steps, given, 0.1, 0.1)
     gnss = fixes_of(thigh, 2.0, np.random.default_rng(0))
     walk = replace(Walk.of(thigh, Options(mount="pocket")), gnss=gnss, fixes=(gnss.fixes[3],))
     with pytest.raises(EstimationError, match="not combined"):

@@ -15,16 +15,15 @@ from fg_nav.lab.follow_pocket import follow_pocket
 from fg_nav.online.buffer import rows_of
 from fg_nav.pocket import (
     OnlinePocket,
-    PocketParameters,
     PocketSmootherParameters,
     PocketStart,
-    estimate_pocket,
     iterated_smoother,
     smooth_pocket,
 )
 from fg_nav.pocket import (
     filter as pocket_filter,
 )
+from fg_nav.pocket.kalman_smoother import NODE_S, preintegrate_links
 from fg_nav.recording import Recording
 from tests.pocket.hand import moved
 from tests.pocket.leg import BIAS, resting, walking
@@ -81,11 +80,6 @@ def test_all_three_biases_are_found_within_a_minute(leg, recording, estimate):
     assert np.abs(turn_deg(track, leg)[-1]).max() < 1.5
 
 
-def test_the_paper_s_filter_does_not_in_the_same_minute(leg, recording):
-    track = estimate_pocket(recording, PocketParameters(mag_sigma_uT=0.5), start_of(leg))
-    assert abs(error_deg_s(track)[2]) > 0.05
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_the_bias_is_as_good_as_the_bound_lets_it(leg, seed, assume):
     """A field known to keep still, all of it across the upright axis: 0.5 uT of noise a sample and 25 uT for 60 s."""
@@ -109,12 +103,8 @@ def test_claims_are_true_over_many_walks(assume):
         rng = np.random.default_rng((7, seed))
         bias = np.radians(P.gyro_bias_sigma_deg_s) * rng.standard_normal(3)
         recording = leg.recording(bias=bias, sigma=(NOISE[0], 0.3, 0.5), seed=seed)
-        walk = (
-            iterated_smoother.FIELD_WALK_UT
-            * np.sqrt(leg.h)
-            * np.cumsum(rng.standard_normal((len(recording), 3)), axis=0)
-        )
-        mag = recording.mag + np.einsum("nji,nj->ni", leg.attitude[:-1], walk)
+        steps = iterated_smoother.FIELD_WALK_UT * np.sqrt(leg.h) * rng.standard_normal((len(recording), 3))
+        mag = recording.mag + np.einsum("nji,nj->ni", leg.attitude[:-1], np.cumsum(steps, axis=0))
         wrong = 0.01 * rng.standard_normal(3) * [1, 1, 0]
         start = PocketStart((np.eye(3) + np.cross(np.eye(3), wrong)) @ leg.attitude[0], 0.01)
         track = smooth_pocket(replace(recording, mag=mag), EXACT, start)
@@ -135,13 +125,11 @@ def test_claims_are_true_of_a_fast_hand(estimate):
         recording = hand.recording(rng, bias, scale, P.mag_left_uT * rng.standard_normal(3))
         track = estimate(recording, P, PocketStart(hand.attitude[0], 0.01))
         kept = slice(10, None, 5)
-        at = track.covariance_sample[kept]
-        off = track.nav_R_body[at] @ hand.attitude[at].transpose(0, 2, 1)
-        turn = np.stack([off[:, 2, 1] - off[:, 1, 2], off[:, 0, 2] - off[:, 2, 0], off[:, 1, 0] - off[:, 0, 1]], 1) / 2
-        for error, part in ((turn, slice(0, 3)), (track.gyro_bias[at] - bias, slice(3, 6))):
+        at, turn = track.covariance_sample[kept], np.radians(turn_deg(track, hand))
+        for error, part in ((turn[at], slice(0, 3)), (track.gyro_bias[at] - bias, slice(3, 6))):
             inverse = np.linalg.inv(track.covariance[kept, part, part])
             nees.append(np.einsum("ni,nij,nj->n", error, inverse, error).mean())
-        assert np.degrees(np.abs(turn)).max() < 2.5
+        assert np.degrees(np.abs(turn[at])).max() < 2.5
     assert 1.3 < np.mean(nees[::2]) < 4.5
     assert 0.45 < np.mean(nees[1::2]) < 4.5
 
@@ -154,18 +142,6 @@ def test_a_rest_shows_the_bias(estimate):
     assert np.degrees(track.sigma[-1, 3:]).max() < 0.015
 
 
-def test_a_scale_error_is_found_where_it_is_modelled():
-    rng = np.random.default_rng(5)
-    hand = moved(rng, 30.0)
-    recording = hand.recording(rng, BIAS, 0.005 * rng.standard_normal((3, 3)))
-    start, errors = PocketStart(hand.attitude[0], 0.01), []
-    for scale in (1e-6, 0.005):
-        track = smooth_pocket(recording, replace(P, gyr_scale_sigma=scale), start)
-        off = track.nav_R_body @ hand.attitude[:-1].transpose(0, 2, 1)
-        errors.append(np.sqrt(np.mean(3.0 - np.trace(off, axis1=1, axis2=2))))
-    assert errors[1] < 0.7 * errors[0]
-
-
 @pytest.mark.parametrize("estimate", ESTIMATORS)
 def test_nothing_hangs_on_the_heading_at_the_start(leg, recording, estimate):
     here, there = (estimate(recording, P, start_of(leg, offset)) for offset in (0.0, 2.0))
@@ -175,23 +151,14 @@ def test_nothing_hangs_on_the_heading_at_the_start(leg, recording, estimate):
 
 
 @pytest.mark.parametrize(("estimate", "since_s", "most_deg"), [(smooth_pocket, 0.0, 1.0), (follow_pocket, 41.0, 1.5)])
-def test_a_magnet_passed_by_does_not_turn_the_heading(leg, estimate, since_s, most_deg):
+def test_a_magnet_passed_by_does_not_turn_the_heading(leg, recording, estimate, since_s, most_deg):
     """5 uT to the side for 8 s, come and gone within one: 13 deg if used in full; at first it cannot be known."""
-    recording = leg.recording(sigma=NOISE)
     t = recording.t
     near = 5.0 * (np.clip((t - 30.0) / 1.0, 0, 1) - np.clip((t - 38.0) / 1.0, 0, 1))
     mag = recording.mag + np.einsum("nji,nj->ni", leg.attitude[:-1], near[:, None] * [1.0, 0.0, 0.0])
     track = estimate(replace(recording, mag=mag), P, start_of(leg))
     assert np.abs(turn_deg(track, leg)[t > since_s, 2]).max() < most_deg
     assert np.abs(error_deg_s(track)).max() < 0.02
-
-
-def test_hard_iron_left_in_gets_little_weight(leg):
-    recording = leg.recording(sigma=NOISE)
-    track = smooth_pocket(replace(recording, mag=recording.mag + np.array([5.0, -4.0, 3.0])), P, start_of(leg))
-    assert np.abs(error_deg_s(track)).max() < 0.15
-    clean = smooth_pocket(recording, P, start_of(leg))
-    assert track.sigma[-1, 5] > 3 * clean.sigma[-1, 5]
 
 
 def test_without_a_magnetometer_gravity_shows_the_level_biases(leg):
@@ -230,17 +197,13 @@ def test_the_turn_of_the_earth_is_a_bias_unless_removed(assume):
     assert np.allclose(left, mean.T @ earth, atol=1e-5)
 
 
-def test_the_causal_estimate_knows_nothing_of_what_comes_later(leg, recording):
+def test_online_knows_nothing_of_what_comes_later_and_in_the_end_what_the_batch_does(leg, recording):
     whole, part = (follow_pocket(r, P, start_of(leg)) for r in (recording, recording.slice(0, 3001)))
     assert np.allclose(whole.gyro_bias[:2990], part.gyro_bias[:2990], atol=1e-12)
     assert np.allclose(whole.nav_R_body[:2990], part.nav_R_body[:2990], atol=1e-9)
-
-
-def test_at_the_end_online_and_batch_know_the_same(leg, recording):
-    online, batch = (estimate(recording, P, start_of(leg)) for estimate in (follow_pocket, smooth_pocket))
-    off = np.abs(online.gyro_bias[-1] - batch.gyro_bias[-1]) / batch.sigma[-1, 3:]
-    assert off.max() < 1.0
-    assert np.allclose(online.sigma[-1], batch.sigma[-1], rtol=0.3)
+    batch = smooth_pocket(recording, P, start_of(leg))
+    assert (np.abs(whole.gyro_bias[-1] - batch.gyro_bias[-1]) / batch.sigma[-1, 3:]).max() < 1.0
+    assert np.allclose(whole.sigma[-1], batch.sigma[-1], rtol=0.3)
 
 
 def test_pushed_in_pieces_it_says_what_it_says_of_a_recording(leg, recording):
@@ -251,10 +214,9 @@ def test_pushed_in_pieces_it_says_what_it_says_of_a_recording(leg, recording):
     while at < len(recording):
         end = min(at + int(rng.integers(1, 60)), len(recording))
         online.push(rows[at:end])
-        found.append(online.latest)
+        found.append((end - 1, online.latest))
         at = end
-    for estimate in found[5:-5:7]:
-        i = int(np.searchsorted(recording.t, estimate.t - 1e-9))
+    for i, estimate in found[5:-5:7]:
         last_node = (i - 1) // 100 * 100  # known once there is one sample beyond
         assert np.allclose(estimate.gyro_bias, track.gyro_bias[last_node], atol=1e-9)
         assert np.allclose(estimate.sigma, track.sigma[last_node], rtol=1e-6)
@@ -270,41 +232,45 @@ def test_behind_a_gap_it_knows_less_and_finds_again_what_it_knew(leg, recording,
     for part in np.array_split(np.flatnonzero(~gap), 40):
         for piece in np.split(part, 1 + np.flatnonzero(np.diff(part) > 10)):
             online.push(rows[piece])
-        estimates.append(online.latest)
-    before, behind = (next(x for x in estimates if x.t > t) for t in (28.0, 30.0 + lost_s))
+        estimates.append((part[-1], online.latest))
+    before, behind = (next(x for i, x in estimates if recording.t[i] > t) for t in (28.0, 30.0 + lost_s))
     assert (behind.sigma[:3] > 2 * before.sigma[:3]).all() or lost_s < 1.0
-    last = estimates[-1]
-    truth = leg.attitude[np.searchsorted(recording.t, last.t - 1e-9)]
-    off = Rotation.from_matrix(last.nav_R_body @ truth.T).as_rotvec()
+    i, last = estimates[-1]
+    off = Rotation.from_matrix(last.nav_R_body @ leg.attitude[i].T).as_rotvec()
     assert (np.abs(off) < 4 * last.sigma[:3] + 1e-3).all()
     assert np.degrees(np.abs(off)).max() < 3.0
     assert np.degrees(np.abs(last.gyro_bias - BIAS)).max() < 0.02
 
 
 @pytest.mark.parametrize("estimate", ESTIMATORS)
-def test_the_track_is_as_long_as_the_recording_whatever_its_length(leg, estimate):
-    whole = leg.recording(sigma=NOISE)
+def test_the_track_is_as_long_as_the_recording_whatever_its_length(leg, recording, estimate):
     for n in (20, 51, 100, 333, 1001):
-        part = Recording(t=whole.t[:n], acc=whole.acc[:n], gyr=whole.gyr[:n], mag=whole.mag[:n])
-        track = estimate(part, P, start_of(leg))
+        track = estimate(recording.slice(0, n), P, start_of(leg))
         assert len(track.t) == n
-        assert np.isfinite(track.nav_R_body).all()
         assert np.isfinite(track.sigma).all()
         assert np.allclose(track.nav_R_body @ track.nav_R_body.transpose(0, 2, 1), np.eye(3), atol=1e-9)
 
 
-def test_a_gap_in_the_samples_is_bridged(leg):
-    whole = leg.recording(sigma=NOISE)
-    kept = np.r_[0:2000, 2008:6000]
-    part = Recording(t=whole.t[kept], acc=whole.acc[kept], gyr=whole.gyr[kept], mag=whole.mag[kept])
-    track = smooth_pocket(part, P, start_of(leg))
-    assert np.abs(error_deg_s(track)).max() < 0.01
-
-
-def test_the_same_at_another_rate_and_with_a_slower_magnetometer():
+def test_the_same_with_a_gap_at_another_rate_and_with_a_slower_magnetometer():
     slow = walking(60.0, rate_hz=200.0)
     recording = slow.recording(sigma=(NOISE[0] * np.sqrt(2), 0.05, 0.5))
     mag = recording.mag.copy()
     mag[np.arange(len(mag)) % 4 != 0] = np.nan
-    track = smooth_pocket(replace(recording, mag=mag), P, start_of(slow))
-    assert np.abs(error_deg_s(track)).max() < 0.012
+    kept = np.r_[0:4000, 4016 : len(mag)]
+    part = Recording(t=recording.t[kept], acc=recording.acc[kept], gyr=recording.gyr[kept], mag=mag[kept])
+    assert np.abs(error_deg_s(smooth_pocket(part, P, start_of(slow)))).max() < 0.012
+
+
+def test_the_walk_of_the_field_is_that_of_its_strength_and_of_noise_alone_the_least():
+    """A window of six links shows 7/6 of the square; of noise one in a hundred exceeds the limit."""
+    rng, count, walk_uT = np.random.default_rng(1), 40_000, 2.0
+    links = resting(1.0).recording()
+    one = preintegrate_links(np.arange(0, 49, 24), links.t, links.acc, links.gyr, links.mag)
+    many = one._replace(n_fields=np.full(count, 50.0))
+    for strength, expected in (
+        (walk_uT * np.sqrt(NODE_S) * np.cumsum(rng.standard_normal(count)), np.sqrt(7 / 6) * walk_uT),
+        (0.5 / np.sqrt(50.0) * rng.standard_normal(count), iterated_smoother.FIELD_WALK_UT),
+    ):
+        found = iterated_smoother.estimate_field_walk(many._replace(strength=48.0 + strength), 0.5)
+        assert np.sqrt(np.mean(found**2)) == pytest.approx(expected, rel=0.04) or expected < 0.1
+    assert np.mean(found > 1.001 * iterated_smoother.FIELD_WALK_UT) == pytest.approx(0.01, abs=0.003)

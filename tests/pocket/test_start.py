@@ -20,34 +20,23 @@ def test_a_sensor_at_rest_is_levelled_and_the_compass_finds_north(angles):
     assert start.heading_sigma == pytest.approx(np.radians(10.0))  # a compass near houses
 
 
-def test_declination_is_added_to_the_compass_s_heading():
-    leg = resting(5.0)
-    there, here = compass_start(leg.recording(), declination=0.1), compass_start(leg.recording())
-    assert compute_heading(there.nav_R_body) - compute_heading(here.nav_R_body) == pytest.approx(0.1)
+def test_heading_given_declination_and_tilt_of_the_start():
+    rest, moving = resting(5.0).recording(), walking(10.0, still_s=0.0).recording()
+    there, here = (compute_heading(compass_start(rest, declination=d).nav_R_body) for d in (0.1, 0.0))
+    assert there - here == pytest.approx(0.1)
+    level = level_start(rest, heading=1.2)
+    assert compute_heading(level.nav_R_body) == pytest.approx(1.2)
+    assert level_start(moving).tilt_sigma > 5 * level.tilt_sigma
 
 
-def test_the_heading_given_is_that_of_the_x_axis():
-    assert compute_heading(level_start(resting(5.0).recording(), heading=1.2).nav_R_body) == pytest.approx(1.2)
-
-
-@pytest.mark.parametrize("sigma_uT", [0.05, 0.5])
-def test_the_noise_of_the_magnetometer_is_estimated_at_rest_and_while_the_leg_swings(sigma_uT):
+def test_the_noise_of_the_magnetometer_is_estimated_at_rest_and_while_the_leg_swings():
     rng = np.random.default_rng(4)
     for leg in (resting(30.0), walking(30.0)):
-        recording = leg.recording()
-        noisy = recording.mag + sigma_uT * rng.standard_normal(recording.mag.shape)
-        found = estimate_field_noise_uT(replace(recording, mag=noisy))
-        assert 0.85 * sigma_uT < found < 1.3 * np.hypot(sigma_uT, 0.1)
-
-
-def test_without_noise_or_field_the_sigma_of_the_magnetometer_has_a_floor():
-    recording = resting(5.0).recording()
-    assert estimate_field_noise_uT(recording) == estimate_field_noise_uT(replace(recording, mag=None)) == 0.015
-
-
-def test_who_starts_on_the_move_knows_less_of_the_tilt():
-    moving = walking(10.0, still_s=0.0).recording()
-    assert level_start(moving).tilt_sigma > 5 * level_start(resting(5.0).recording()).tilt_sigma
+        for sigma_uT in (0.05, 0.5):
+            recording = leg.recording(sigma=(0.0, 0.0, sigma_uT), seed=rng.integers(1000))
+            assert 0.85 * sigma_uT < estimate_field_noise_uT(recording) < 1.3 * np.hypot(sigma_uT, 0.1)
+    exact = resting(5.0).recording()  # of which the sigma has a floor
+    assert estimate_field_noise_uT(exact) == estimate_field_noise_uT(replace(exact, mag=None)) == 0.015
 
 
 def test_without_gravity_or_a_field_it_is_said():

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from fg_nav.recording import Recording, find_extra_sigmas
+from fg_nav.samples import gaps
 from fg_nav.samples.gaps import _UnreadSamples, bridge_unread
 from fg_nav.samples.readings import ACC_OUT, GYR_OUT, interpolate_unread
+from tests.smoother.walks import demo
 
 PERIOD_S = 0.005
 STRIDE = 200
@@ -60,7 +62,7 @@ def test_a_bridged_sample_is_doubted_in_its_sensor_alone_and_so_is_a_slice():
     assert abs(recording.integrable[1][803, 1] - truth) < 0.3 < abs(recording.gyr[803, 1] - truth)
 
 
-def test_where_little_is_known_the_line_is_kept_and_doubted_by_all_that_moves():
+def test_where_little_or_nothing_is_known_the_line_is_kept_and_doubted_by_all_that_moves():
     t, acc, gyr = (x[:60] for x in struck())
     unread = np.where(np.isin(np.arange(60), [0, 59]), ACC_OUT, 0)
     interpolate_unread(t, acc, gyr, unread)
@@ -68,11 +70,7 @@ def test_where_little_is_known_the_line_is_kept_and_doubted_by_all_that_moves():
     np.testing.assert_allclose(bridge.value, acc[[1, 58]])
     np.testing.assert_allclose(bridge.sigma[0], acc.std(axis=0))
     assert not len(other.sample)
-
-
-def test_a_recording_of_which_a_sensor_read_nothing_is_kept_as_it_is():
-    t, acc, gyr = (x[:40] for x in struck())
-    bridge, _ = bridge_unread(t, acc, gyr, np.full(40, ACC_OUT))
+    bridge, _ = bridge_unread(t, acc, gyr, np.full(60, ACC_OUT))
     np.testing.assert_allclose(bridge.value, np.broadcast_to(acc[0], acc.shape))
 
 
@@ -85,3 +83,26 @@ def test_one_bad_sample_of_an_hour_takes_less_memory_than_two_more_columns_of_it
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 2 * acc.nbytes
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    whole = demo().recording
+    return Recording(whole.t[:2400], whole.acc[:2400], whole.gyr[:2400])
+
+
+def test_samples_are_prepared_in_blocks_as_in_one(recording: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
+    there = np.r_[0:698, 703:2400]  # a gap, which begins at the end of a block
+    t, acc, gyr = (samples[there] for samples in (recording.t, recording.acc, recording.gyr))
+    whole = Recording(t, acc, gyr).integrable
+    monkeypatch.setattr(gaps, "BLOCK", 100)
+    for one, blocks in zip(whole, Recording(t, acc, gyr).integrable, strict=True):
+        np.testing.assert_allclose(blocks, one, rtol=1e-9, atol=1e-11)
+
+
+def test_what_was_not_cut_takes_no_memory(recording: Recording) -> None:
+    whole = Recording(recording.t, recording.acc, recording.gyr)
+    for peaks, samples in zip(whole.peaks, (whole.acc, whole.gyr), strict=True):
+        assert np.shares_memory(peaks.whole, samples)
+        assert peaks.sigma.strides == peaks.run.strides == (0, 0)
+    assert all(sigma.strides == (0, 0) for sigma in find_extra_sigmas(whole, 0.3))

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.recording import Recording, find_extra_sigmas
-from fg_nav.samples.gaps import MAX_S, REACH, WALKING, Gaps, fill_gaps
+from fg_nav.samples.gaps import MAX_S, REACH, WALKING, Gaps, fill_gaps, list_bridged
 from fg_nav.samples.readings import rebuild_peaks
 
 RATE_HZ = 100.0
@@ -98,10 +98,10 @@ def test_gaps_side_by_side_and_at_either_end() -> None:
     first = np.array([1, 700, 702, 705, 2 * REACH + 706, len(acc) - 2])
     gaps = without(samples, dropped(len(acc), first, 1))
     np.testing.assert_array_equal(gaps.sample, first - 1 - np.arange(6))
-    for found in gaps[2:]:
-        assert np.isfinite(found).all()
-    error = np.abs(gaps.gyr - gyr[first])
-    assert (error < 5 * gaps.gyr_sigma).all()
+    assert all(np.isfinite(found).all() for found in gaps[2:])
+    assert (np.abs(gaps.gyr - gyr[first]) < 5 * gaps.gyr_sigma).all()
+    late = np.arange(len(acc)) / RATE_HZ + np.arange(len(acc)) % 2 * 0.2 / RATE_HZ
+    assert len(fill_gaps(late, acc, gyr).sample) == 0  # late stamps are none
 
 
 def test_one_sample_between_two_gaps_does_not_hide_those_beyond() -> None:
@@ -117,11 +117,10 @@ def test_one_sample_between_two_gaps_does_not_hide_those_beyond() -> None:
     assert 0.4 < np.sqrt(np.mean(((gaps.gyr[::2] - truth) / gaps.gyr_sigma[::2]) ** 2)) < 1.4
 
 
-def test_late_stamps_are_no_gaps() -> None:
-    acc, gyr = strides(5, np.random.default_rng(6))
-    t = np.arange(len(acc)) / RATE_HZ
-    t[1::2] += 0.2 / RATE_HZ
-    assert len(fill_gaps(t, acc, gyr).sample) == 0
+def test_a_hole_is_bridged_where_another_recording_went_on_throughout() -> None:
+    t = np.arange(6000) / RATE_HZ
+    is_missing, stops = ((t > 20) & (t < 25)) | ((t > 40) & (t < 45)), (t > 42) & (t < 45)
+    np.testing.assert_allclose(list_bridged(t[~is_missing], t[~stops]), [[20, 25]])
 
 
 def test_a_sample_is_doubted_for_its_unseen_share() -> None:
@@ -163,23 +162,19 @@ def test_a_part_of_a_recording_has_the_gaps_and_the_motion_of_the_whole() -> Non
     np.testing.assert_array_equal(part.integrable[1], whole.integrable[1][59:297])
 
 
-@pytest.mark.parametrize("lost", [15, 40, 160])
+@pytest.mark.parametrize("lost", [3, 15, 160])
 def test_who_stood_before_a_long_gap_may_have_walked_in_it(lost: int) -> None:
     """Nothing but rest is on record: the angle and the change of velocity unseen are still those of a walking foot."""
     rng = np.random.default_rng(3)
     acc, gyr = (size * rng.standard_normal((600, 3)) for size in (0.01, 0.001))
     gaps = without((acc, gyr), dropped(600, np.array([300]), lost))
-    assert lost / RATE_HZ > MAX_S
-    np.testing.assert_allclose(gaps.acc_sigma[0], WALKING[:3])
-    np.testing.assert_allclose(gaps.gyr_sigma[0], WALKING[3:])
-
-
-def test_a_short_gap_at_rest_is_not_doubted_for_a_step() -> None:
-    rng = np.random.default_rng(3)
-    acc, gyr = (size * rng.standard_normal((600, 3)) for size in (0.01, 0.001))
-    gaps = without((acc, gyr), dropped(600, np.array([300]), 3))
-    assert (gaps.acc_sigma < 0.05).all()
-    assert (gaps.gyr_sigma < 0.005).all()
+    if lost / RATE_HZ > MAX_S:
+        np.testing.assert_allclose(gaps.acc_sigma[0], WALKING[:3])
+        np.testing.assert_allclose(gaps.gyr_sigma[0], WALKING[3:])
+    else:  # no step fits into it
+        assert lost == 3
+        assert (gaps.acc_sigma < 0.05).all()
+        assert (gaps.gyr_sigma < 0.005).all()
 
 
 def test_the_angle_unseen_in_a_long_gap_is_within_its_sigma() -> None:

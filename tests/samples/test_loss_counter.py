@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fg_nav.samples.delivery import LossCounter, describe_losses
+from fg_nav.samples.delivery import WINDOW, LossCounter, describe_losses
 
 
 def count(t, block):
@@ -29,6 +29,11 @@ def test_each_sample_that_is_missing_is_counted_whatever_the_blocks(block):
     words = describe_losses({"samples": counter.samples, "came": counter.came, "datagrams": 3})
     assert words[0].startswith(f"by the stamps {lost.sum()} samples of 2000")
     assert "3 datagrams" in words[1]
+
+
+def test_a_sample_is_counted_wherever_it_is_missing():
+    for k in (1, *range(WINDOW - 2, WINDOW + 3), 2 * WINDOW, 998):
+        assert count(np.delete(np.arange(1000) * 0.01, k), 61)[0].samples == 1
 
 
 def test_nothing_is_lost_of_stamps_of_arrival_of_a_clock_that_restarts_or_of_a_sensor_that_was_off():

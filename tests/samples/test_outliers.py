@@ -1,10 +1,15 @@
+"""Bad samples of a recording, and of a stream however its samples come in blocks."""
+
 import numpy as np
 import pytest
 
 from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.online.buffer import rows_of, taken_rows
 from fg_nav.recording import RawRecording, Recording
+from fg_nav.samples.intake import Intake
 from fg_nav.samples.plausibility import find_unit_problems
-from fg_nav.samples.readings import ACC_OUT, AROUND, GYR_OUT, LONGEST, find_outliers
+from fg_nav.samples.readings import ACC_OUT, AROUND, GYR_OUT, LONGEST, LOOK_AHEAD, find_outliers
+from tests.online.walks import short_walk
 
 PERIOD_S = 0.005
 N = 600
@@ -23,10 +28,6 @@ def striding() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     acc[STRUCK, 2] += 100 * ring
     gyr[STRUCK, 1] += 4 * ring
     return t, acc, gyr
-
-
-def test_a_heel_that_strikes_is_no_bad_sample():
-    assert not find_outliers(*striding()).any()
 
 
 @pytest.mark.parametrize("at", [0, 1, 30, 100, 199, 201, 206, 400, N - 3, N - 2, N - 1])
@@ -48,8 +49,9 @@ def test_a_single_blow_that_turns_the_shoe_is_no_bad_rate_and_one_without_a_blow
     assert not find_outliers(t, acc, gyr).any()
 
 
-def test_what_lasts_longer_than_a_run_is_a_motion():
+def test_a_heel_that_strikes_and_what_lasts_longer_than_a_run_are_motions():
     t, acc, gyr = striding()
+    assert not find_outliers(t, acc, gyr).any()
     gyr[100 : 100 + LONGEST + AROUND, 0] += 30.0
     assert not find_outliers(t, acc, gyr).any()
 
@@ -92,3 +94,35 @@ def test_one_bad_sample_shows_no_wrong_unit():
     gyr[200, 0] -= 300.0
     assert "gyr" in "".join(find_unit_problems(t, acc, gyr, None))
     assert len(Recording.from_raw(RawRecording(t, acc, gyr, np.arange(400)))) == 400
+
+
+BAD = [0, 333, 334, 335, 700, 710]
+
+
+def spoiled() -> np.ndarray:
+    rows = rows_of(short_walk()).copy()
+    rows[BAD, 6] += 60.0
+    rows[1000:1005, 2] -= 1000.0
+    rows[1005:1007, 5] += 60.0
+    rows[600, [1, 5]] = 900.0, 60.0
+    rows[[500, 712, 1006], 8] = 160.0
+    return rows
+
+
+@pytest.mark.parametrize("block", [1, 9, 5000])
+def test_a_stream_leaves_out_what_a_recording_does_and_counts_it(block):
+    rows, told = spoiled(), []
+    judge = Intake(told.append)
+    parts = [rows[i : i + block] for i in range(0, len(rows), block)]
+    taken = [judge.push(part) for part in parts]
+    whole = Recording.from_raw(
+        RawRecording(rows[:, 0], rows[:, 1:4], rows[:, 4:7], np.arange(len(rows)), rows[:, 7:10])
+    )
+    np.testing.assert_array_equal(np.concatenate([*taken, judge.push(rows[:0], at_end=True)]), taken_rows(whole))
+    assert judge.counts == {"gyr": len(BAD) + 3, "acc": 6, "mag": 3}
+    assert len(whole) == len(rows) - 1
+    sentence = "samples of the gyroscope are far off what those around allow, and not used, the first at t ="
+    assert any(words.startswith(sentence) for words in told)
+    behind = [rows[min((i + 1) * block, len(rows)) - 1, 0] - part[-1, 0] for i, part in enumerate(taken) if len(part)]
+    assert max(behind) <= (LOOK_AHEAD + 1) * 0.01  # of 100 Hz
+    assert sum(late > 0.0 for late in behind) < 0.1 * len(behind) + 1

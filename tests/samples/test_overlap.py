@@ -31,6 +31,13 @@ def resumed(rows, saved, then, block=7):
     return np.concatenate([*taken, judge.push(rows[:0], at_end=True)]), judge, overlap
 
 
+def restarting(at):
+    """Rows of a clock that begins again there."""
+    rows = rows_of(short_walk()).copy()
+    rows[at:, 0] -= rows[at, 0]
+    return rows
+
+
 def odd_rows():
     """Rows with all that a judge leaves out, and two restarts of the clock, with as many rows before as after."""
     rows = rows_of(short_walk()).copy()
@@ -47,7 +54,7 @@ def odd_rows():
     return rows
 
 
-@pytest.mark.parametrize("saved", [20, 203, 252, 305, 410, 451, 503, 508, 550, 600, 649, 654, 700, 950, 1300])
+@pytest.mark.parametrize("saved", [20, 203, 252, 305, 410, 451, 503, 550, 600, 649, 654, 950, 1300])
 @pytest.mark.parametrize("block", [1, 7, 5000])
 def test_a_replay_is_known_up_to_where_it_was_interrupted_whatever_the_clock_did(saved, block):
     """The rows before a restart have the stamps of those after it; only their values tell them apart."""
@@ -71,20 +78,17 @@ def test_a_source_that_goes_on_some_way_back_or_at_once_loses_nothing(saved, bac
 @pytest.mark.parametrize("saved", [400, 800])
 def test_a_source_that_goes_on_later_leaves_a_gap_and_no_more(saved):
     """Before a restart of the clock, and after it."""
-    rows = rows_of(short_walk()).copy()
-    rows[600:, 0] -= rows[600, 0]
+    rows = restarting(600)
     taken, judge, overlap = resumed(rows, saved, rows[saved + 40 :])
     assert overlap.left_out == judge.counts["rebooted"] == 0
     assert judge.counts["restart"] == 1
-    step = np.diff(taken[:, 0])
-    assert step[saved - 1] == pytest.approx(0.41)
+    assert taken[saved, 0] - taken[saved - 1, 0] == pytest.approx(0.41)
     np.testing.assert_array_equal(taken[-500:, 1:COLUMNS], rows[-500:, 1:])
 
 
 def test_a_sensor_switched_off_and_on_is_carried_on_after_a_gap():
     """Its stamps begin again at 0; the rows that show it are left out."""
-    rows = rows_of(short_walk()).copy()
-    rows[740:, 0] -= rows[740, 0]
+    rows = restarting(740)
     taken, judge, _ = resumed(rows, 700, rows[740:])
     assert judge.counts["rebooted"] == 1
     begins = 740 + RESTART - 1
@@ -102,32 +106,25 @@ def test_a_foot_that_stands_before_and_after_does_not_hide_that_the_sensor_was_o
     rows[:, 1:7] += 0.01 * rng.normal(size=(800, 6))
     rows[:, 7:] = np.nan
     rows[400:, 0] -= 3.9
-    _, judge, _ = resumed(rows, 400, rows[400:])
-    assert judge.counts["rebooted"] == 1
+    assert resumed(rows, 400, rows[400:])[1].counts["rebooted"] == 1
     whole = Intake()
     admitted(whole, rows, 50)
     assert whole.counts["restart"] == 1
 
 
-def test_where_the_last_rows_were_lost_the_walk_goes_on():
-    rows = rows_of(short_walk())
-    replayed = np.delete(rows, np.s_[690:720], axis=0)
-    taken, _, overlap = resumed(rows, 700, replayed)
-    np.testing.assert_array_equal(taken[:, :COLUMNS], np.delete(rows, np.s_[700:720], axis=0))
+@pytest.mark.parametrize(("lost", "until"), [(np.s_[690:720], None), (np.s_[690:710], 780)])
+def test_where_the_last_rows_were_lost_the_walk_goes_on(lost, until):
+    """Of a replay, far from its end and shortly before it."""
+    rows = rows_of(short_walk())[:until]
+    taken, _, overlap = resumed(rows, 700, np.delete(rows, lost, axis=0))
+    np.testing.assert_array_equal(taken[:, :COLUMNS], np.delete(rows, np.s_[700 : lost.stop], axis=0))
     assert overlap.left_out == 690
-
-
-def test_where_they_were_lost_shortly_before_the_end_what_is_behind_them_is_taken():
-    rows = rows_of(short_walk())[:780]
-    taken, _, _ = resumed(rows, 700, np.delete(rows, np.s_[690:710], axis=0))
-    np.testing.assert_array_equal(taken[:, :COLUMNS], np.delete(rows, np.s_[700:710], axis=0))
 
 
 @pytest.mark.parametrize("block", [1, 40, 5000])
 def test_a_clock_that_restarted_behind_lost_rows_loses_no_more_than_those_that_show_it(block):
     """For how long it was off nobody can know, as the foot moved."""
-    rows = rows_of(short_walk()).copy()
-    rows[710:, 0] -= rows[710, 0]
+    rows = restarting(710)
     taken, judge, overlap = resumed(rows, 700, np.delete(rows, np.s_[690:710], axis=0), block)
     assert judge.counts["rebooted"] == 1
     assert overlap.left_out == 690
@@ -138,8 +135,7 @@ def test_a_clock_that_restarted_behind_lost_rows_loses_no_more_than_those_that_s
 @pytest.mark.parametrize("until", [450, 800, 1486])
 def test_what_was_lost_before_and_comes_now_is_too_late(block, until):
     """Two seconds, longer than what shows that the last rows were lost; before a restart, and after."""
-    rows = rows_of(short_walk()).copy()
-    rows[600:, 0] -= rows[600, 0]
+    rows = restarting(600)
     heard = np.delete(rows, np.s_[300:500], axis=0)
     taken, judge, overlap = resumed(heard, 800, rows[:until], block)
     known = np.concatenate(admitted(Intake(), heard, 13))

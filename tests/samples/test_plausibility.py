@@ -1,6 +1,7 @@
 """Gravity as a witness: what the recognisers rest on; their sentences are tested with `Recording`."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
@@ -39,7 +40,7 @@ def test_gravity_turns_as_the_gyroscope_says() -> None:
     assert measure_gravity_transport(acc, np.rad2deg(gyr), PERIOD_S).gain == pytest.approx(np.pi / 180, rel=0.02)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_transport_is_the_same_in_any_right_handed_axes(seed: int) -> None:
     acc, gyr = _tumbling(np.random.default_rng(1))
     turned = Rotation.random(rng=np.random.default_rng(seed))
@@ -69,8 +70,12 @@ def test_rest_is_found_in_any_unit() -> None:
 
 
 def test_nonsense_is_borne() -> None:
+    """Also stamps beyond all bounds among ones that stand still."""
     raw = tilting(np.random.default_rng(4))
-    assert raw.mag is not None
+    for stamps in ((1e308,), (1e308, -1e308), (1e99, -1e99, np.inf)):
+        t = np.full(len(raw.t), -1.0)
+        t[20 : 20 + len(stamps)] = stamps
+        assert find_lasting_problems(t, raw.acc, raw.gyr, raw.mag, np.isfinite(t))
     for array in (raw.t, raw.acc, raw.gyr, raw.mag):
         array[::3] = np.inf
         array[1::7] = 1e308
@@ -79,18 +84,6 @@ def test_nonsense_is_borne() -> None:
     nothing = np.full((50, 3), np.nan)
     assert "do not advance" in find_unit_problems(nothing[:, 0], nothing, nothing, nothing)[0]
     assert find_unit_problems(np.empty(0), np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 3)))
-
-
-@pytest.mark.parametrize("stamps", [(1e308,), (1e308, -1e308), (1e99, -1e99, np.inf)])
-def test_a_stamp_beyond_all_bounds_among_ones_that_stand_still_is_borne(stamps: tuple[float, ...]) -> None:
-    raw = tilting(np.random.default_rng(4))
-    raw.t[:] = -1.0
-    raw.t[20 : 20 + len(stamps)] = stamps
-    usable = np.isfinite(raw.t)
-    assert find_lasting_problems(raw.t, raw.acc, raw.gyr, raw.mag, usable)
-
-
-def test_field_strength_of_whole_samples() -> None:
     mag = np.array([[3.0, 4.0, 0.0], [np.nan, 1.0, 1.0], [1e300, 0.0, 0.0]])
     np.testing.assert_array_equal(measure_field_strength(mag), [5.0, np.nan, np.nan])
 
@@ -98,9 +91,6 @@ def test_field_strength_of_whole_samples() -> None:
 @needs_data
 def test_removed_gravity_of_a_real_walk() -> None:
     """Take gravity out with the sensor's own attitude, as its linear acceleration does."""
-    import pandas as pd
-
-    assert DATA is not None
     for path in sorted((DATA / "gdin").glob("*/SensorConnectData_[23]*.csv")):
         table = pd.read_csv(path)
         roll, pitch = (table.filter(like=name).to_numpy()[:, 0] for name in (":roll", ":pitch"))
@@ -113,9 +103,8 @@ def test_removed_gravity_of_a_real_walk() -> None:
 
 
 @pytest.mark.parametrize("seed", range(1, 7))
-@pytest.mark.parametrize("seconds", [8.0, 15.0, 25.0])
-def test_the_beginning_of_a_right_handed_walk_is_not_called_mirrored(seed, seconds):
+def test_the_beginning_of_a_right_handed_walk_is_not_called_mirrored(seed):
     """Most of it is rest, and the few windows that turn are those of heel-off: too few to tell."""
     walk = simulate("demo", seed, Choices(field="homogeneous")).recording
-    rows = walk.t < seconds
-    assert not list(find_unit_problems(walk.t[rows], walk.acc[rows], walk.gyr[rows], None))
+    for rows in (walk.t < seconds for seconds in (8.0, 15.0, 25.0)):
+        assert not list(find_unit_problems(walk.t[rows], walk.acc[rows], walk.gyr[rows], None))

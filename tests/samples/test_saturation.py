@@ -1,5 +1,7 @@
 """Saturated samples: simulated tops, rounded, cut, cut and mixed; and the real sensors that clip."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from scipy.signal import butter, sosfiltfilt
@@ -18,18 +20,15 @@ def _motion(rng: np.random.Generator, duration_s: float = 60.0, bandwidth_hz: fl
     return np.asarray(3.0 * smooth / smooth.std())
 
 
-@pytest.mark.parametrize("frequency_hz", [0.3, 1.0, 2.0, 5.0, 10.0, 20.0])
-@pytest.mark.parametrize("noise", [0.0, 1e-3, 5e-3, 2e-2])
-@pytest.mark.parametrize("rate_hz", [50.0, 100.0, 200.0, 400.0, 1000.0])
-def test_rounded_peaks_are_not_flagged(frequency_hz: float, noise: float, rate_hz: float) -> None:
-    t = np.arange(0, 30, 1 / rate_hz)
-    phases = 2 * np.pi * frequency_hz * t[:, None] + np.arange(3)
-    samples = 8.0 * np.sin(phases) + noise * np.random.default_rng(1).normal(size=(len(t), 3))
-    assert not find_saturated(samples).any()
-
-
-def test_random_motion_is_not_flagged() -> None:
+def test_rounded_peaks_and_random_motion_are_not_flagged() -> None:
     rng = np.random.default_rng(2)
+    for frequency_hz, noise, rate_hz in product(
+        (0.3, 1.0, 2.0, 5.0, 10.0, 20.0), (0.0, 1e-3, 5e-3, 2e-2), (50.0, 100.0, 200.0, 400.0, 1000.0)
+    ):
+        t = np.arange(0, 30, 1 / rate_hz)
+        phases = 2 * np.pi * frequency_hz * t[:, None] + np.arange(3)
+        samples = 8.0 * np.sin(phases) + noise * rng.normal(size=(len(t), 3))
+        assert not find_saturated(samples).any(), (frequency_hz, noise, rate_hz)
     for bandwidth_hz in (2.0, 5.0, 10.0, 20.0, 40.0):
         assert not find_saturated(_motion(rng, 300.0, bandwidth_hz)).any()
 
@@ -74,25 +73,16 @@ def test_one_end_only() -> None:
     assert find_saturation_level(-clipped[:, 0]) == np.inf
 
 
-@pytest.mark.parametrize(
-    "signal",
-    [
-        np.zeros(1000),
-        np.full(1000, 5.0),
-        np.round(np.random.default_rng(5).normal(size=1000)),  # a sensor that sees its own steps only
-        np.arange(4.0),
-        np.empty(0),
-        -np.ones(100),
-    ],
-)
-def test_nothing_to_tell(signal: np.ndarray) -> None:
-    assert find_saturation_level(signal) == np.inf
+def test_nothing_to_tell() -> None:
+    steps = np.round(np.random.default_rng(5).normal(size=1000))  # of a sensor that sees these only
+    for signal in (np.zeros(1000), np.full(1000, 5.0), steps, np.arange(4.0), np.empty(0), -np.ones(100)):
+        assert find_saturation_level(signal) == np.inf
 
 
 @needs_data
-@pytest.mark.parametrize(
-    ("name", "axis", "sign", "range_rad_s"),
-    [
+def test_real_gyroscopes_known_to_clip_and_sensors_far_from_their_range() -> None:
+    """The 3DM-GX5's range is 500 deg/s = 8.73 rad/s before calibration."""
+    for name, axis, sign, range_rad_s in (
         ("vicon/2017-11-22-11-44-47.mat", 1, -1, (8.9, 9.2)),
         ("vicon/2017-11-27-11-18-11.mat", 1, -1, (8.8, 9.2)),
         ("gdin/own/SensorConnectData_35.csv", 1, 1, (8.5, 8.9)),
@@ -100,21 +90,9 @@ def test_nothing_to_tell(signal: np.ndarray) -> None:
         ("gdin/own/SensorConnectData_43.csv", 0, -1, (8.5, 8.9)),
         ("gdin/own/SensorConnectData_43.csv", 1, -1, (8.5, 8.9)),
         ("gdin/own_obsolete/SensorConnectData_15.csv", 1, 1, (8.5, 8.9)),
-    ],
-)
-def test_gyroscopes_known_to_clip(name: str, axis: int, sign: int, range_rad_s: tuple[float, float]) -> None:
-    """The 3DM-GX5's range is 500 deg/s = 8.73 rad/s before calibration."""
-    assert DATA is not None
-    assert range_rad_s[0] < find_saturation_level(sign * read(DATA / name).gyr[:, axis]) < range_rad_s[1]
-
-
-@needs_data
-@pytest.mark.parametrize("folder", ["xio", "openshoe", "broad"])
-def test_sensors_far_from_their_range(folder: str) -> None:
-    assert DATA is not None
-    for path in sorted(
-        [*(DATA / folder).glob("*.mat"), *(DATA / folder).glob("*.csv"), *(DATA / folder).glob("*.txt")]
     ):
+        assert range_rad_s[0] < find_saturation_level(sign * read(DATA / name).gyr[:, axis]) < range_rad_s[1]
+    for path in (path for pattern in ("xio/*.csv", "openshoe/*.txt", "broad/*.mat") for path in DATA.glob(pattern)):
         recording = read(path)
         assert not find_saturated(recording.gyr).any()
         assert not find_saturated(recording.acc).any()

@@ -76,44 +76,25 @@ def test_a_true_gap_that_is_no_whole_number_of_ticks() -> None:
     np.testing.assert_allclose(np.delete(np.diff(even), 4999), 1 / RATE, rtol=1e-2)
 
 
-def test_uneven_sampling_is_left_alone() -> None:
+def test_few_uneven_and_even_stamps_are_left_alone() -> None:
     """Where the sensor itself samples unevenly, the deviations add up: its stamps are right."""
-    t = np.cumsum(np.random.default_rng(5).uniform(4e-3, 6e-3, N))
-    assert remove_jitter(t) is t
-
-
-@pytest.mark.parametrize("n", [2, 20, 49])
-def test_few_stamps_are_left_alone(n: int) -> None:
-    t = _ticks()[:n] + 1e-4 * np.random.default_rng(6).uniform(size=n)
-    assert remove_jitter(t) is t
-
-
-def test_even_stamps_are_left_alone() -> None:
-    t = _ticks() + 1e-6 * np.random.default_rng(7).normal(size=N)
-    assert remove_jitter(t) is t
+    rng = np.random.default_rng(5)
+    few = (_ticks()[:n] + 1e-4 * rng.uniform(size=n) for n in (2, 20, 49))
+    for t in (np.cumsum(rng.uniform(4e-3, 6e-3, N)), *few, _ticks() + 1e-6 * rng.normal(size=N)):
+        assert remove_jitter(t) is t
 
 
 @needs_data
-def test_vicon_stamps_become_even_where_they_are() -> None:
-    assert DATA is not None
+def test_real_stamps() -> None:
+    """Those of vicon and a gdin recording become even; drops of x-io stay."""
     for path in sorted((DATA / "vicon").glob("*.mat"))[::7]:
         t = read_raw(path).t
         even = remove_jitter(t)
         np.testing.assert_allclose(np.diff(even), 0.005, rtol=1e-3)
         assert np.abs(even - t).max() < 5e-3
-
-
-@needs_data
-def test_gdin_40_is_a_200_hz_recording() -> None:
-    assert DATA is not None
     t = read_raw(DATA / "gdin/own/SensorConnectData_40.csv").t
     assert np.median(np.diff(t)) > 0.0059
     np.testing.assert_allclose(np.diff(remove_jitter(t)), 0.005, rtol=1e-3)
-
-
-@needs_data
-def test_xio_drops_stay() -> None:
-    assert DATA is not None
     t = read(DATA / "xio/short_walk.csv").t
     assert remove_jitter(t) is t
     assert np.count_nonzero(np.diff(fit_clock(t).tick) > 1) == np.count_nonzero(np.diff(t) > 0.004)

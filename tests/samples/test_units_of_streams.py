@@ -33,23 +33,26 @@ def admit(rows, block=61):
     return np.concatenate([*taken, field.push(units.push(rows[:0], at_end=True))]), said
 
 
-@pytest.mark.parametrize("block", [1, 5000])
-@pytest.mark.parametrize("since_s", [0.0, 3 * 86400.0, 1.7e9], ids=["start", "boot", "1970"])
-@pytest.mark.parametrize(("unit", "per_s"), [("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
-def test_stamps_in_another_unit_are_refused_with_it(rows, unit, per_s, since_s, block):
-    with pytest.raises(RecordingError, match=f"in {unit} .*--columns"):
-        admit(change(rows[:100], STAMP, per_s, offset=since_s), block)
-
-
-def test_a_navigator_refuses_nanoseconds_since_1970(rows):
+def test_a_stream_in_another_unit_is_refused_with_it(rows):
+    """Stamps since the start, since boot and since 1970; readings; stamps that never rise."""
+    for unit, per_s in (("ms", 1e3), ("us", 1e6), ("ns", 1e9)):
+        for since_s in (0.0, 3 * 86400.0, 1.7e9):
+            for block in (1, 5000):
+                with pytest.raises(RecordingError, match=f"in {unit} .*--columns"):
+                    admit(change(rows[:100], STAMP, per_s, offset=since_s), block)
+    for columns, factor, words in (
+        (ACC, 1.0 / G, "acc seems to be in g "),
+        (ACC, 1e3 / G, "acc seems to be in mg"),
+        (GYR, 180.0 / np.pi, "gyr seems to be in deg/s"),
+        (GYR, np.pi / 180.0, "gyr turns by less than"),
+        (STAMP, 0.0, "do not advance"),
+        (STAMP, -1.0, "do not advance"),
+    ):
+        with pytest.raises(RecordingError, match=words):
+            admit(change(rows, columns, factor))
     sent = change(rows[:1500], STAMP, 1e9, offset=1.7e9)
     with pytest.raises(RecordingError, match="in ns"):
         OnlineNavigator().push(sent[:, 0], sent[:, 1:4], sent[:, 4:7])
-
-
-def test_seconds_since_1970_are_taken(rows):
-    sent = change(rows, STAMP, 1.0, offset=1.7e9)
-    assert np.array_equal(admit(sent)[0], sent, equal_nan=True)
 
 
 def test_rows_without_stamps_do_not_wait_for_ever(rows):
@@ -57,26 +60,6 @@ def test_rows_without_stamps_do_not_wait_for_ever(rows):
     sent = change(rows[:1500], STAMP, np.nan)
     assert sum(len(watch.push(sent[k : k + 100])) for k in range(0, 1500, 100)) == 1000
     assert len(watch.push(rows[:0], at_end=True)) == 500
-
-
-@pytest.mark.parametrize("factor", [0.0, -1.0])
-def test_stamps_that_never_rise_are_refused(rows, factor):
-    with pytest.raises(RecordingError, match="do not advance"):
-        admit(change(rows, STAMP, factor))
-
-
-@pytest.mark.parametrize(
-    ("columns", "factor", "words"),
-    [
-        (ACC, 1.0 / G, "acc seems to be in g "),
-        (ACC, 1e3 / G, "acc seems to be in mg"),
-        (GYR, 180.0 / np.pi, "gyr seems to be in deg/s"),
-        (GYR, np.pi / 180.0, "gyr turns by less than"),
-    ],
-)
-def test_readings_in_another_unit_are_refused(rows, columns, factor, words):
-    with pytest.raises(RecordingError, match=words):
-        admit(change(rows, columns, factor))
 
 
 @pytest.mark.parametrize("block", [7, 5000])
@@ -118,16 +101,20 @@ def test_rows_that_become_rare_are_left_out_within_some_steps_until_they_come_as
     assert 4000 < len(taken) < 4970
 
 
-def test_gaps_impacts_missing_samples_and_single_wrong_ones_are_let_pass(rows):
-    sent = np.delete(rows, slice(1500, 1900), axis=0)
-    sent[700, ACC], sent[800, GYR], sent[1000:1005, GYR], sent[1200:1210, ACC] = 800.0, 300.0, 100.0, 0.5
-    sent[2000:2300, 1:7], sent[2600, 0], sent[2700, ACC] = np.nan, 1e9, 0.0
-    sent[2800:3000:7, ACC], sent[3100, GYR] = 1e300, -1e200
-    sent[3200:3202, 0] = np.inf
-    with np.errstate(invalid="raise"):
-        taken, said = admit(sent)
-    assert np.array_equal(taken, sent, equal_nan=True)
-    assert said == []
+def test_what_is_in_no_other_unit_is_let_pass(rows):
+    """Seconds since 1970; gaps, impacts, missing and single wrong samples; iron, and a magnetometer that is off."""
+    odd = np.delete(rows, slice(1500, 1900), axis=0)
+    odd[700, ACC], odd[800, GYR], odd[1000:1005, GYR], odd[1200:1210, ACC] = 800.0, 300.0, 100.0, 0.5
+    odd[2000:2300, 1:7], odd[2600, 0], odd[2700, ACC] = np.nan, 1e9, 0.0
+    odd[2800:3000:7, ACC], odd[3100, GYR] = 1e300, -1e200
+    odd[3200:3202, 0] = np.inf
+    field = change(rows, MAG, 2.5, 1000, 1400)
+    field[2000:2900, MAG], field[3000:3900:2, MAG] = np.nan, 0.0
+    for sent in (change(rows, STAMP, 1.0, offset=1.7e9), odd, field):
+        with np.errstate(invalid="raise"):
+            taken, said = admit(sent)
+        assert np.array_equal(taken, sent, equal_nan=True)
+        assert said == []
 
 
 def test_a_gyroscope_that_stops_turning_midway_is_said(rows):
@@ -139,7 +126,8 @@ def test_a_gyroscope_that_stops_turning_midway_is_said(rows):
 
 @pytest.mark.parametrize("block", [1, 61, 5000])
 @pytest.mark.parametrize(
-    ("factor", "words"), [(10.0, "in mG"), (0.01, "in gauss"), (1e3, "in nT"), (1e-6, "in T"), (150.0, "no field")]
+    ("factor", "words"),
+    [(10.0, "in mG"), (0.01, "in gauss"), (1e3, "in nT"), (1e-6, "in T"), (150.0, "no field"), (25.0, "strong iron")],
 )
 def test_a_magnetometer_in_another_unit_midway_is_left_out_and_the_rest_is_taken(rows, factor, words, block):
     """None of what is in the other unit is taken, all of what is not."""
@@ -153,22 +141,6 @@ def test_a_magnetometer_in_another_unit_midway_is_left_out_and_the_rest_is_taken
     assert "mag is as before" in said[1]
 
 
-def test_a_field_beside_iron_a_broken_reading_and_a_magnetometer_that_is_off_are_let_pass(rows):
-    sent = change(rows, MAG, 2.5, 1000, 1400)
-    sent[2000:2900, MAG], sent[3000:3900:2, MAG] = np.nan, 0.0
-    taken, said = admit(sent)
-    assert said == []
-    assert np.array_equal(taken, sent, equal_nan=True)
-
-
-def test_strong_iron_is_named_no_unit_and_its_fields_are_counted(rows):
-    intake, (taken, said) = Intake(print), admit(change(rows, MAG, 25.0, 2000, 3000))
-    assert np.isnan(taken[2000:3000, MAG]).all()
-    assert "strong iron" in said[0]
-    intake.push(change(rows, MAG, 25.0, 2000, 2200))  # too short to be said at once
-    assert intake.notes == ("200 fields of another strength than before left out",)
-
-
 def test_a_beginning_beside_iron_is_not_the_strength_of_the_walk(rows):
     """At 180 uT for four seconds, and 45 uT from then on: 450 uT are left out."""
     strength = np.linalg.norm(rows[:, MAG], axis=1, keepdims=True)
@@ -180,7 +152,10 @@ def test_a_beginning_beside_iron_is_not_the_strength_of_the_walk(rows):
     assert watch.left_out == 100
 
 
-def test_a_magnetometer_that_comes_and_goes_is_noted_a_few_times(rows):
+def test_what_is_left_out_of_a_magnetometer_is_counted_and_noted_a_few_times(rows):
+    intake = Intake(print)
+    intake.push(change(rows, MAG, 25.0, 2000, 2200))  # too short to be said at once
+    assert intake.notes == ("200 fields of another strength than before left out",)
     sent = rows[600:800].copy()
     sent[:, MAG] = 45.0 / np.sqrt(3.0)
     intake = Intake()

@@ -1,12 +1,8 @@
 """`fg-nav lab reproduce`: make all experiments of a paper, and lay them beside it on the terminal and in a folder.
 
 The folder holds `report.html`, `results.json`, the pictures, and what each walk came to: a run that was ended goes on
-from there. `results.json` is written last, so a folder with it is complete.
-
-A reproduction as one page, `report.html`: it needs no network and no other file, on a desk, a phone or paper.
-
-The pictures are in the page itself, with their captions as alternative texts. Wide tables scroll in their own box; on a
-narrow screen each row becomes a list. The template is `page.html.j2` in this folder.
+from there. `results.json` is written last, so a folder with it is complete. The page needs no network and no other
+file, on a desk, a phone or paper: the pictures are in it, with their captions as alternative texts.
 """
 
 from __future__ import annotations
@@ -15,12 +11,12 @@ import base64
 import json
 import os
 import platform
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Iterator
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
-from importlib import import_module, metadata
+from importlib import metadata
 from pathlib import Path
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
@@ -28,6 +24,7 @@ from rich.text import Text
 
 from fg_nav.errors import OutputError
 from fg_nav.lab.reproduce import results
+from fg_nav.lab.reproduce.drawing import PICTURES
 from fg_nav.lab.reproduce.results import (
     MISSED,
     MISSED_EXPLAINED,
@@ -41,27 +38,19 @@ from fg_nav.lab.reproduce.results import (
     format_spread,
     write_reproduction,
 )
-from fg_nav.lab.store.files import REPRODUCTION_MARKER, list_visible, read_marker, write_text
+from fg_nav.lab.reproduce.runner import run_paper
+from fg_nav.lab.store.files import REPRODUCTION_MARKER, list_visible, make_folder, read_marker, write_text
 from fg_nav.report.folder import lock_result, unwritable
 from fg_nav.report.terminal import console, progress, ruled_table
 from fg_nav.text import find_version, to_json
-
-PAPERS = ("ma2018", "aiez2017", "munoz-diaz2017")
 
 FIRST_SEED, SEEDS, QUICK_SEEDS = 101, 50, 3  # As in docs/results.md. Smaller seeds are those that anything was tuned on
 
 REPORT, RESULTS = "report.html", "results.json"
 
-MARK = REPRODUCTION_MARKER
-"""File in a folder of ours; it names the paper, and below it pictures of an older result while a new one is made."""
-
-_LIBRARIES = ("numpy", "scipy", "gtsam", "numba", "matplotlib")
+_LIBRARIES = ("numpy", "scipy", "gtsam", "numba", "matplotlib")  # That figures depend on.
 
 _ENDED = "a worker was ended from outside, perhaps for want of memory: run the same command again, it goes on."
-
-Paper = Callable[[Path, Sequence[int], int, Callable[[float], None], bool], Reproduction]
-"""Of a folder (walks in `cells`, measurements in `parts`, and pictures), the seeds of the simulated walks, processes,
-a function of the fraction done, and whether it is to be quick; OutputError where it cannot be written."""
 
 
 def reproduce(
@@ -73,52 +62,34 @@ def reproduce(
     quick: bool = False,
     force: bool = False,
 ) -> Reproduction:
-    """Make a paper's experiments into a folder.
+    """Make the experiments of one of `PAPERS` into a folder that is new, empty, or of the same paper.
 
-    Parameters
-    ----------
-    paper : one of `PAPERS`.
-    out : the folder: new, empty, or of the same paper.
-    seeds, first : how many walks of each kind, `SEEDS` or quick `QUICK_SEEDS` by default, and the first of their seeds.
-    workers : processes; None for one a core.
-    quick : fewer walks, and whatever else the paper's experiments leave out then.
-    force : replace the result in the folder; finished walks are kept and used.
-
-    Raises
-    ------
-    OutputError
-        If the folder holds something else, or a result and `force` is not set, or cannot be written.
+    `seeds` is how many walks there are of each kind, `first` the first of their seeds. With `force` the result in the
+    folder is replaced; finished walks are kept and used. Raises `OutputError` if the folder holds something else, or a
+    result and `force` is not set, or cannot be written.
     """
     number = (QUICK_SEEDS if quick else SEEDS) if seeds is None else seeds
     with claim_folder(out, paper, force):
+        # make the experiments, whose pictures are all in a folder of their own
         with progress(f"{paper}, {number} seeds") as show_done:
             try:
-                made = _load_paper(paper)(out, range(first, first + number), workers or count_cores(), show_done, quick)
+                make_folder(out / PICTURES)
+                made = run_paper(paper, out, range(first, first + number), workers or count_cores(), show_done, quick)
             except BrokenProcessPool:
                 raise OutputError(_ENDED) from None
         command = f"fg-nav lab reproduce {paper} --seeds {number} --first {first}{' --quick' if quick else ''}"
-        found = replace(made, command=command, versions=list_versions(), parameters=to_json(made.parameters))
-        write_folder(found, out)
+        versions = {"fg-nav": find_version(), "Python": platform.python_version()}
+        versions |= {name: metadata.version(name) for name in _LIBRARIES}
+        found = replace(made, command=command, versions=versions, parameters=to_json(made.parameters))
+        # write the page, then the results
+        write_text(out / REPORT, write_page(found, out))
+        write_text(out / RESULTS, write_reproduction(found))
     return found
 
 
 def count_cores() -> int:
     """How many processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _load_paper(name: str) -> Paper:
-    made: Paper = import_module(f"fg_nav.lab.reproduce.{name.replace('-', '_')}").reproduce
-    return made
-
-
-def list_versions() -> dict[str, str]:
-    """Of this package, of Python, and of the libraries that figures depend on."""
-    return {
-        "fg-nav": find_version(),
-        "Python": platform.python_version(),
-        **{name: metadata.version(name) for name in _LIBRARIES},
-    }
 
 
 @contextmanager
@@ -133,70 +104,37 @@ def claim_folder(out: Path, paper: str, force: bool) -> Iterator[None]:
 
 
 def _mark_folder(out: Path, paper: str, force: bool) -> None:
+    """Put down whose folder it is, and take away what is of a result that is no more."""
     try:
-        held, *stale = read_marker(out, MARK) or [""]
+        held, *_ = read_marker(out, REPRODUCTION_MARKER) or [""]
         present = list_visible(out)
         if held != paper and present:
             what = f"the results of {held}" if held else f"'{present[0]}', which this command does not write"
             raise OutputError(f"{out} holds {what}: choose another --out.")
         if (out / RESULTS).exists() and not force:
             raise OutputError(f"{out} already holds a result: choose another --out, or replace it with --force.")
-        _write_marker(out, paper, {*stale, *_list_pictures(out / RESULTS)} if held == paper else ())
-        for name in (RESULTS, REPORT):
-            (out / name).unlink(missing_ok=True)
+        write_text(out / REPRODUCTION_MARKER, f"{paper}\n")
+        for path in (out / RESULTS, out / REPORT, *(out / PICTURES).glob("figure-*.png")):
+            path.unlink(missing_ok=True)
     except OSError as error:
         raise unwritable(out, error) from None
-
-
-def _write_marker(out: Path, paper: str, stale: Collection[str]) -> None:
-    """Put down whose folder it is, and which pictures are of a result that is no more."""
-    write_text(out / MARK, "\n".join([paper, *sorted(stale)]) + "\n")
-
-
-def _list_pictures(results: Path) -> set[str]:
-    """Names of a result's pictures, beside it; none where it cannot be read."""
-    try:
-        experiments = json.loads(results.read_text(encoding="utf-8"))["experiments"]
-        names = {str(picture["file"]) for experiment in experiments for picture in experiment["pictures"]}
-    except (OSError, ValueError, KeyError, TypeError):
-        return set()
-    return {name for name in names if name.endswith(".png") and Path(name).name == name}
-
-
-def write_folder(found: Reproduction, out: Path) -> None:
-    """Write the page, take away pictures that only an older result names, and write the results last."""
-    write_text(out / REPORT, write_page(found, out))
-    paper, *stale = read_marker(out, MARK)
-    named_here = {picture.file for experiment in found.experiments for picture in experiment.pictures}
-    for name in set(stale) - named_here:
-        with suppress(OSError):
-            (out / name).unlink()
-    write_text(out / RESULTS, write_reproduction(found))
-    _write_marker(out, paper, ())
 
 
 def print_rows(found: Reproduction, out: Path) -> None:
     """Print the rows of each experiment, what is off and why, and where the files are."""
     screen = console()
     screen.print(found.citation, soft_wrap=True)
+    reasons = []
     for experiment in found.experiments:
         screen.print(f"\n{experiment.name}  {experiment.title}", style="bold", soft_wrap=True)
         if experiment.rows:
             screen.print(_make_table(experiment, len(found.seeds)))
-    reasons = [
-        ": ".join(part for part in (row.verdict, f"{experiment.name}, {format_name(row)}", format_note(row)) if part)
-        for experiment in found.experiments
-        for row in experiment.rows
-        if row.verdict in (MISSED_EXPLAINED, MISSED)
-    ]
-    for words in [
-        "",
-        *reasons,
-        *([""] if reasons else []),
-        describe_counts(found),
-        f"report: {out / REPORT}",
-        f"files: {out}",
-    ]:
+        for row in experiment.rows:
+            if row.verdict in (MISSED_EXPLAINED, MISSED):
+                parts = (row.verdict, f"{experiment.name}, {format_name(row)}", format_note(row))
+                reasons.append(": ".join(part for part in parts if part))
+    said = [*reasons, ""] if reasons else []
+    for words in ["", *said, describe_counts(found), f"report: {out / REPORT}", f"files: {out}"]:
         screen.print(words, soft_wrap=True)
 
 
@@ -209,25 +147,16 @@ def _make_table(experiment: Experiment, walks: int) -> object:
     return table
 
 
-_CLASSES = {
-    results.REPRODUCED: "good",
-    results.BETTER: "better",
-    results.MISSED_EXPLAINED: "caution",
-    results.MISSED: "bad",
-    results.PUT_IN: "aside",
-    results.AS_ASKED: "good",
-    results.SHORT: "bad",
+_LOOKS = {
+    results.REPRODUCED: ("good", "="),
+    results.BETTER: ("better", "+"),
+    results.MISSED_EXPLAINED: ("caution", "~"),
+    results.MISSED: ("bad", "\N{MULTIPLICATION SIGN}"),
+    results.PUT_IN: ("aside", "\N{RIGHTWARDS ARROW}"),
+    results.AS_ASKED: ("good", "\N{CHECK MARK}"),
+    results.SHORT: ("bad", "\N{MULTIPLICATION SIGN}"),
 }
-_SIGNS = {
-    results.REPRODUCED: "=",
-    results.BETTER: "+",
-    results.MISSED_EXPLAINED: "~",
-    results.MISSED: "\N{MULTIPLICATION SIGN}",
-    results.PUT_IN: "\N{RIGHTWARDS ARROW}",
-    results.AS_ASKED: "\N{CHECK MARK}",
-    results.SHORT: "\N{MULTIPLICATION SIGN}",
-}
-"""Before the verdict: color is not all that distinguishes them."""
+"""Class of a verdict on the page and the sign before it: color is not all that distinguishes them."""
 
 _PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -260,8 +189,7 @@ def write_page(found: Reproduction, folder: Path) -> str:
         found=found,
         counts=results.count_verdicts(found),
         meanings=results.MEANINGS,
-        classes=_CLASSES,
-        signs=_SIGNS,
+        looks=_LOOKS,
         seeds=results.format_seeds(found),
         tolerance=f"{100 * results.TOLERANCE:.0f} %",
     )

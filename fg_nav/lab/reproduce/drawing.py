@@ -1,8 +1,8 @@
-"""What pictures of several papers share: panels for fields, paths, flags along the walk, errors at landmarks."""
+"""What pictures of several papers share: where they go, panels, and paths from above."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,41 +10,28 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fg_nav.arrays import Bools, Floats
 from fg_nav.lab import palette
 from fg_nav.lab.reproduce.results import Picture
-from fg_nav.lab.store.results import USED, Result
+from fg_nav.lab.reproduce.runner import Made
 from fg_nav.lab.walked import AS_STARTED
 from fg_nav.report.plots import style
+
+COLOURS = (palette.ORANGE, palette.VERMILION, palette.BLUE)  # Of a paper's filters, its own last.
+
+PICTURES = "pictures"  # Folder of the pictures of a reproduction.
 
 
 @dataclass(frozen=True)
 class Pictures:
-    """Where the pictures of a paper go: `folder`, and the name that each file begins with."""
+    """Where the pictures of a paper go: the folder of the reproduction."""
 
     folder: Path
-    paper: str
 
-    def keep(self, figure: Figure, number: int, what: str, ours: str) -> Picture:
+    def keep(self, figure: Figure, number: int, what: str, ours: str, of: str = "") -> Picture:
         """Write the picture of a numbered figure of the paper; its caption says what that shows and what ours does."""
-        file = f"{self.paper}_fig{number:02d}.png"
+        file = f"{PICTURES}/figure-{number:02d}{f'-{of}' if of else ''}.png"
         style.save(figure, self.folder / file)
         return Picture(file, f"Fig. {number} of the paper: {what}; ours: {ours}")
-
-
-def estimate_of(result: Result) -> Floats:
-    """(K, 2) m, as started."""
-    return np.array(result.estimate.get(AS_STARTED, []), dtype=np.float64).reshape(-1, 2)
-
-
-def truth_of(result: Result) -> Floats:
-    """(K, 2) m."""
-    return np.array(result.truth, dtype=np.float64).reshape(-1, 2)
-
-
-def used_of(result: Result) -> Bools:
-    """(K,) where the method used the field."""
-    return np.array([flag == USED for flag in result.used], dtype=bool)
 
 
 def new_panels(
@@ -55,35 +42,21 @@ def new_panels(
     return figure, list(figure.subplots(rows, columns, squeeze=False).flat)
 
 
-def draw_path(axes: Axes, path: Floats, label: str, colour: str, truth: Floats | None = None) -> None:
-    """Draw a path (K, 2) m from above on equal scales, over the truth; a square is where it ends."""
-    axes.set_aspect("equal", adjustable="datalim")
-    if truth is not None:
-        axes.plot(*truth.T, **palette.TRUTH_LINE, zorder=1, label="truth")
-    axes.plot(*path.T, "-", color=colour, linewidth=0.9, zorder=3, label=label)
-    axes.plot(*path[-1:].T, "s", color=colour, markersize=4.5, markerfacecolor="white", zorder=5)
-    axes.set(xlabel="east (m)", ylabel="north (m)")
-
-
-def draw_flags(axes: Axes, used: Bools, title: str) -> None:
-    """Draw the verdict along the walk, 1 where the field was used, as the papers do."""
-    axes.fill_between(np.arange(len(used)), used.astype(float), step="mid", color=palette.BLUE, linewidth=0.0)
-    axes.set(ylim=(-0.05, 1.15), yticks=(0, 1), xlim=(0, len(used)), ylabel="quasi-static")
-    axes.grid(visible=False)
-    axes.set_title(f"{title}: {100 * used.mean():.0f} % of the footfalls")
-
-
-def draw_landmarks(axes: Axes, names: Sequence[str], errors: Mapping[str, Sequence[float]], title: str) -> None:
-    """Draw the error at each crossing: the first method as bars, the others as marks above them."""
-    place = np.arange(len(names))
-    marks = zip(errors.items(), palette.colours(len(errors)), ("", "D", "o", "^"), strict=False)
-    for (method, error), colour, mark in marks:
-        label = f"{method}, mean {np.mean(error):.1f} m"
-        if not mark:
-            axes.bar(place, error, color=colour, width=0.75, label=label)
-        else:
-            axes.plot(place, error, mark, color=colour, markersize=3.5, label=label)
-    axes.set(xlim=(-0.7, len(names) - 0.3), xticks=place, ylabel="error (m)")
-    axes.set_xticklabels(names, fontsize=6.5)
-    axes.grid(visible=False, axis="x")
-    style.head(axes, title)
+def draw_paths(made: Made, scenario: str, names: Mapping[str, str], title: str) -> Figure:
+    """Draw the first walk by filters as printed, from above over the truth, a panel a field; squares are ends."""
+    with style.styled():
+        figure, panels = new_panels(1, len(made.levels), 5.2, 4.8 * len(made.levels) + 0.4)
+        for axes, level in zip(panels, made.levels, strict=True):
+            axes.set_aspect("equal", adjustable="datalim")
+            for (name, words), colour in zip(names.items(), COLOURS, strict=True):
+                result = made.walks.first(scenario, level, made.table.filters[name]["as printed"])
+                if result is None:
+                    continue
+                if not axes.lines:
+                    axes.plot(*np.array(result.truth).T, **palette.TRUTH_LINE, zorder=1, label="truth")
+                path = np.array(result.estimate[AS_STARTED])
+                axes.plot(*path.T, "-", color=colour, linewidth=0.9, zorder=3, label=words)
+                axes.plot(*path[-1:].T, "s", color=colour, markersize=4.5, markerfacecolor="white", zorder=5)
+            axes.set(xlabel="east (m)", ylabel="north (m)")
+            style.head(axes, f"{title}, field {level}", columns=2)
+    return figure

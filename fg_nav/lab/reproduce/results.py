@@ -1,18 +1,9 @@
 """What an experiment of a paper came to: rows of figures with a verdict, their text, reasons, pictures, and the file.
 
 A row has the paper's figure p, as printed and as a number where it is one, and what each of our columns (methods)
-made of it over the seeds. The verdict is of one column, the paper's own method, by its median m:
-
-    reproduced     |m - p| <= tolerance |p|, or where the paper has a bound ("at most 0.5 m"): m holds it
-    better         m is off p on the good side
-    missed         off on the bad side; `explained` is noted where `why` gives a reason for that side
-    put in         m is p because a setting of ours was chosen by p: it is no result
-    as asked       p is a bound that was asked of ours, not the paper's, and m holds it
-    short          it does not
-    ""             the paper has no figure for it, or ours has none
-
-A verdict is computed; only the reason is written by hand, for the field and the side that it was checked on. A reason
-for a filter worse than printed does not explain one that is better, nor one floor another.
+made of it over the seeds. The verdict (`MEANINGS`) is of one column, the paper's own method, by its median m:
+reproduced where |m - p| <= tolerance |p|, or where the paper has a bound ("at most 0.5 m"), m holds it. A verdict is
+computed; only the reason is written by hand (`fg_nav.lab.reproduce.table`).
 
 The file `results.json` has nothing of time or machine, so the same walks give the same bytes. JSON has no infinity:
 what never came or failed is the text "inf", and what is not known is null.
@@ -22,16 +13,14 @@ from __future__ import annotations
 
 import json
 import math
-from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from fg_nav.arrays import Floats
 from fg_nav.errors import OutputError
 from fg_nav.lab.store.results import Number, encode_number
 from fg_nav.text import to_json
@@ -57,19 +46,15 @@ class Spread:
 
 def spread_of(values: Sequence[float]) -> Spread:
     """Median and spread of one figure over the walks; NaN of none. Infinite ones count, as the largest."""
-    x = np.sort(np.asarray(values, dtype=np.float64))
+    x = np.asarray(values, dtype=np.float64)
     if not len(x):
         return Spread(math.nan, math.nan, math.nan, 0)
-    low, median, high = (_percentile(x, q, up=q >= 50.0) for q in (LOW_PERCENT, 50.0, HIGH_PERCENT))
-    return Spread(median, low, high, len(x))
-
-
-def _percentile(x: Floats, q: float, up: bool) -> float:
-    """Of sorted values; infinite ones cannot be interpolated, and then it is the next value up or down."""
     if np.isfinite(x).all():
-        return float(np.percentile(x, q))
-    place = q / 100.0 * (len(x) - 1)
-    return float(x[math.ceil(place) if up else math.floor(place)])
+        low, median, high = np.percentile(x, [LOW_PERCENT, 50.0, HIGH_PERCENT]).tolist()
+    else:  # infinite values cannot be interpolated: the next one, away from the middle
+        low = float(np.percentile(x, LOW_PERCENT, method="lower"))
+        median, high = np.percentile(x, [50.0, HIGH_PERCENT], method="higher").tolist()
+    return Spread(median, low, high, len(x))
 
 
 @dataclass(frozen=True)
@@ -90,24 +75,20 @@ class Row:
     why : reason of a difference; shown only where there is one.
     pattern : of the numbers.
     whose : "paper"; "input" where a setting of ours was chosen by it; "asked" where it was asked of ours.
-    side : where the reason holds: +1 where ours is above the printed figure, -1 below, 0 on either side.
-    note : what is to be known in any case.
     """
 
     quantity: str
-    unit: str
-    printed: str
-    ours: Mapping[str, Spread]
+    unit: str = ""
+    printed: str = ""
+    ours: Mapping[str, Spread] = field(default_factory=dict)
     paper: float | None = None
     judged: str = ""
     bound: int = 0
-    good: int = -1
+    good: int = 0
     tolerance: float = TOLERANCE
     why: str = ""
     pattern: str = "{:.2f}"
     whose: Literal["paper", "input", "asked"] = "paper"
-    side: int = 0
-    note: str = ""
 
     @property
     def verdict(self) -> str:
@@ -121,8 +102,7 @@ class Row:
         median = self.ours[self.judged].median
         if math.isfinite(median) and (median - self.paper) * self.good > 0:
             return BETTER
-        holds = not self.side or (median - self.paper) * self.side > 0
-        return MISSED_EXPLAINED if self.why and holds else MISSED
+        return MISSED_EXPLAINED if self.why else MISSED
 
     @property
     def _holds(self) -> bool:
@@ -180,32 +160,6 @@ class Reproduction:
     versions: Mapping[str, str] = field(default_factory=dict)
 
 
-def one_line(text: str) -> str:
-    """Return a text that was written over several lines as one."""
-    return " ".join(text.split())
-
-
-ABOVE, BELOW = 1, -1  # Where ours lies of the printed figure.
-
-
-@dataclass(frozen=True)
-class Reason:
-    """A text, the side on which it was checked, and in which field; "" for each or for none."""
-
-    text: str
-    side: int
-    field: str = ""
-
-
-def reason_for(reasons: Sequence[Reason], field: str, off: float) -> str:
-    """Text of the first reason for this field and a median so far above the printed figure; "" where there is none.
-
-    A filter that failed is infinitely far off, and none of the reasons is of that.
-    """
-    held = (one.text for one in reasons if one.field in ("", field) and 0.0 < off * one.side < math.inf)
-    return one_line(next(held, ""))
-
-
 VERDICTS = (REPRODUCED, BETTER, MISSED_EXPLAINED, MISSED)  # Of a printed figure, from good to bad.
 ASIDE = (PUT_IN, AS_ASKED, SHORT)  # What is no comparison with the paper.
 
@@ -234,8 +188,8 @@ def format_printed(row: Row) -> str:
 
 
 def format_note(row: Row) -> str:
-    """What is said beside the verdict."""
-    return " ".join(text for text in (row.why if row.verdict == MISSED_EXPLAINED else "", row.note) if text)
+    """The reason, beside a verdict that needs one."""
+    return row.why if row.verdict == MISSED_EXPLAINED else ""
 
 
 def format_spread(row: Row, column: str, walks: int) -> str:
@@ -261,19 +215,18 @@ def _value(row: Row, value: float) -> str:
 
 def count_verdicts(found: Reproduction) -> dict[str, int]:
     """How many printed figures have each verdict, in the order of `VERDICTS`."""
-    number = _number(found)
-    return {verdict: number[verdict] for verdict in VERDICTS}
+    return {verdict: _verdicts(found).count(verdict) for verdict in VERDICTS}
 
 
-def _number(found: Reproduction) -> Counter[str]:
-    return Counter(row.verdict for experiment in found.experiments for row in experiment.rows)
+def _verdicts(found: Reproduction) -> list[str]:
+    return [row.verdict for experiment in found.experiments for row in experiment.rows]
 
 
 def describe_counts(found: Reproduction) -> str:
     """The counts as a sentence."""
     number = count_verdicts(found)
     parts = [f"{count} {verdict}" for verdict, count in number.items() if count]
-    aside = [f"{_number(found)[verdict]} {verdict}" for verdict in ASIDE if _number(found)[verdict]]
+    aside = [f"{count} {verdict}" for verdict in ASIDE if (count := _verdicts(found).count(verdict))]
     beside = f" Beside these, {', '.join(aside)}." if aside else ""
     return f"{sum(number.values())} figures compared: {', '.join(parts) or 'none compared'}.{beside}"
 
@@ -298,17 +251,13 @@ def describe_reproduction(found: Reproduction) -> dict[str, Any]:
     """Return the content of the file, with each row's verdict for readers without this library."""
     content = {"form": FORM, **to_json(found)}
     for experiment, written in zip(found.experiments, content["experiments"], strict=True):
-        written["rows"] = [_row(row) for row in experiment.rows]
+        for row, of_row in zip(experiment.rows, written["rows"], strict=True):
+            of_row["ours"] = {
+                column: {name: encode_number(value) for name, value in asdict(one).items()}
+                for column, one in row.ours.items()
+            }
+            of_row["verdict"] = row.verdict
     return content
-
-
-def _row(row: Row) -> dict[str, Any]:
-    return {**to_json(row), "ours": {name: _spread(one) for name, one in row.ours.items()}, "verdict": row.verdict}
-
-
-def _spread(one: Spread) -> dict[str, Any]:
-    numbers = {name: encode_number(getattr(one, name)) for name in ("median", "low", "high")}
-    return {**numbers, "n": one.n}
 
 
 def read_reproduction(path: Path) -> Reproduction:

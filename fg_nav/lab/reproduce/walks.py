@@ -1,24 +1,20 @@
 """Methods on simulated walks for a paper: what is stored in the folder is used, the rest is made.
 
 The folder is that of `fg_nav.lab.store.results`, so that results of a campaign with the same walks hold here too.
-Measurements (`fg_nav.lab.store.results`) are made next to the walks, by the same processes.
-
-Figures of one method on one walk have the names of the papers (`fg_nav.lab.walked`).
-
-Workers store what they make themselves, so ending them loses only what each was at.
+Each walk is stored as soon as it is made, so ending a run loses only what its workers were at.
 """
 
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from fg_nav.lab.campaign.execute import settings_of, store_task, tasks_of
+from fg_nav.lab.campaign.execute import Task, make, run_task, settings_of
 from fg_nav.lab.campaign.walks import LOOP
 from fg_nav.lab.landmarks import error_reduction_percent
 from fg_nav.lab.processes import run_tasks
@@ -27,7 +23,7 @@ from fg_nav.lab.simulation.fields.building import CLUTTERS, SMOOTH_KINDS
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.files import make_folder
 from fg_nav.lab.store.results import USED, Key, Measurement, Result, drop_paths, read_result
-from fg_nav.lab.walked import AS_STARTED
+from fg_nav.lab.walked import AS_STARTED, BEST_YAW
 from fg_nav.magnetic import DETECTORS
 from fg_nav.text import format_count
 
@@ -44,6 +40,10 @@ class Walks:
     def of(self, scenario: str, level: str, method: str) -> list[Result]:
         """Results of one method; none if it was not asked for."""
         return self.results.get((scenario, level, method), [])
+
+    def first(self, scenario: str, level: str, method: str) -> Result | None:
+        """Result of the first walk that did not fail, which has its path."""
+        return next((result for result in self.of(scenario, level, method) if not result.failed), None)
 
 
 def keys_of(scenario: str, levels: Sequence[str], methods: Sequence[str], seeds: Sequence[int]) -> list[Key]:
@@ -66,15 +66,16 @@ def run_missing(
         If a folder or a file cannot be written.
     """
     results = make_folder(folder / RESULTS_FOLDER)
-    settings = {key: settings_of(key) for key in keys}
-    missing = [key for key in keys if read_result(results, key, settings[key]) is None]
-    tasks: list[Callable[[], None]] = [
-        *(partial(store_task, task, results, code_sum()) for task in tasks_of(missing, settings)),
-        *(partial(one.run, folder) for one in measurements if one.read(folder) is None),
-    ]
-    for done, _ in enumerate(run_tasks(tasks, workers), start=1):
-        if progress is not None:
-            progress(done / len(tasks))
+    parts = [partial(one.run, folder) for one in measurements if one.read(folder) is None]
+
+    def execute(tasks: Sequence[Task]) -> Iterator[Sequence[Result]]:
+        calls: list[Callable[[], Sequence[Result] | None]] = [*(partial(run_task, task) for task in tasks), *parts]
+        for done, (_, made) in enumerate(run_tasks(calls, workers), start=1):
+            yield made or ()
+            if progress is not None:
+                progress(done / len(calls))
+
+    deque(make({key: settings_of(key) for key in keys}, results, execute), maxlen=0)
 
 
 def read_walks(folder: Path, keys: Sequence[Key]) -> Walks:
@@ -88,23 +89,15 @@ def read_walks(folder: Path, keys: Sequence[Key]) -> Walks:
     return found
 
 
-def count_codes(walks: Walks) -> dict[str, int]:
-    """Return how many results each state of code and libraries made, by its sum (`fg_nav.lab.store.code`)."""
-    return dict(Counter(one.code for results in walks.results.values() for one in results))
-
-
 def describe_other_code(walks: Walks) -> tuple[str, ...]:
-    """Return one sentence if other code than this made some of the results; none if this made all."""
-    by_sum = count_codes(walks)
-    total, others = sum(by_sum.values()), {code: n for code, n in by_sum.items() if code != code_sum()}
+    """Return one sentence if other code than this (`fg_nav.lab.store.code`) made some of the results."""
+    codes = [one.code for results in walks.results.values() for one in results]
+    others = Counter(code for code in codes if code != code_sum())
     if not others:
         return ()
-    most_first = sorted(others.items(), key=lambda one: (-one[1], one[0]))
-    sums = (
-        f"sum {most_first[0][0]}" if len(others) == 1 else ", ".join(f"{n} with sum {code}" for code, n in most_first)
-    )
+    sums = ", ".join(f"{number} with sum {code}" for code, number in others.most_common())
     return (
-        f"{sum(others.values())} of {format_count(total, 'result')} on walks were made by another state of the code, "
+        f"{others.total()} of {format_count(len(codes), 'result')} on walks were made by another state of the code, "
         f"or of its libraries, than this one ({sums}), with the same parameters: "
         f"without the folder '{RESULTS_FOLDER}' all are made again.",
     )
@@ -124,14 +117,13 @@ def describe_walks(keys: Iterable[Key], detectors: Iterable[str]) -> dict[str, A
     of_scenario = {key.group: key for key in reversed(keys)}
     levels = sorted({key.field for key in keys} & set(FIELDS))
     return {
-        **{f"scenario {name}": _without_field(settings_of(of_scenario[name])["walk"]) for name in sorted(of_scenario)},
+        **{
+            f"scenario {name}": {what: one for what, one in settings_of(key)["walk"].items() if what != "field"}
+            for name, key in sorted(of_scenario.items())
+        },
         **{f"field {level}": FIELDS[level] for level in levels},
         **{f"detector {name}": DETECTORS[name] for name in detectors},
     }
-
-
-def _without_field(walk: dict[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in walk.items() if name != "field"}
 
 
 Figure = Callable[[Result], float | None]
@@ -161,17 +153,22 @@ def used_percent(result: Result) -> float | None:
     return 100.0 * result.used.count(USED) / len(result.used) if result.used else None
 
 
-end_m, end_percent = partial(walk_error, name="end_m"), partial(walk_error, name="end_percent")
-"""Final position error over the ground, m; the same in percent of the path length (TTD)."""
+def max_percent(result: Result) -> float | None:
+    """Largest error in percent of the path length."""
+    errors = result.errors.get(AS_STARTED)
+    return None if errors is None or errors.max_m is None else 100.0 * errors.max_m / errors.distance_m
 
-heading_deg = partial(walk_error, name="heading_deg")
-"""Error of the change of heading from first to last footfall."""
 
-mean_m, max_m = partial(walk_error, name="mean_m"), partial(walk_error, name="max_m")
-"""Mean and largest error at the footfalls."""
-
-landmark_mean_m, landmark_max_m = partial(at_landmarks, of=mean), partial(at_landmarks, of=max)
-"""Mean and largest error over the crossings of landmarks."""
+FIGURES: dict[str, Figure] = {
+    **{name: partial(walk_error, name=name) for name in ("end_m", "end_percent", "heading_deg", "mean_m", "max_m")},
+    "landmark_mean_m": partial(at_landmarks, of=mean),
+    "landmark_max_m": partial(at_landmarks, of=max),
+    "laid_max_m": partial(walk_error, name="max_m", mode=BEST_YAW),
+    "laid_landmark_mean_m": partial(at_landmarks, of=mean, mode=BEST_YAW),
+    "used_percent": used_percent,
+    "max_percent": max_percent,
+}
+"""By the names that tables have for them; what those of errors mean: `fg_nav.lab.walked`."""
 
 
 def spread_over(results: Sequence[Result], figure: Figure) -> Spread:

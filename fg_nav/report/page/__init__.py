@@ -122,9 +122,6 @@ def write_page(folder: Path, page: Page) -> None:
     (folder / REPORT).write_text(text, encoding="utf-8")
 
 
-# --- content ---------------------------------------------------------------------------------------------------------
-
-
 def compose_page(
     outcomes: Mapping[str, Outcome],
     summaries: Sequence[Mapping[str, Any]],

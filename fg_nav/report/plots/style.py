@@ -260,9 +260,6 @@ def _read_color(words: str) -> Any:
     return red / 255, green / 255, blue / 255, opacity
 
 
-# --- pictures of a walk -----------------------------------------------------------------------------------------------
-
-
 def draw_walk(folder: Path, walk: Walk, outcomes: Mapping[str, Outcome], both: FeetResult | None = None) -> None:
     """Draw one method, or several over each other and each into its own folder, or the paths of both feet."""
     if both is not None:

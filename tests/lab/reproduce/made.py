@@ -20,8 +20,9 @@ def drawn(folder: Path, name: str) -> None:
 
 def reproduction(folder: Path) -> Reproduction:
     """Two experiments, three columns, two pictures in the folder."""
-    for name in ("one.png", "two.png"):
-        drawn(folder, name)
+    (folder / "pictures").mkdir(exist_ok=True)
+    for name in ("one", "two"):
+        drawn(folder, f"pictures/figure-{name}.png")
     never = spread_of([10.0, float("inf"), float("inf")])
     rows = (
         row("rmse", "m", "0.50", 0.5, ours=0.55),
@@ -33,7 +34,7 @@ def reproduction(folder: Path) -> Reproduction:
     )
     wide = tuple(f"a method with a long name {k}" for k in range(7))
     long = "averyverylongwordthatnobodywouldwritebutaparametermight" * 3
-    second = Row(long, "m/s", "about 3", {name: spread_of([1.0, 2.0, 3.0]) for name in wide}, note=long)
+    second = Row(long, "m/s", "about 3", {name: spread_of([1.0, 2.0, 3.0]) for name in wide})
     return Reproduction(
         "ma2018",
         "Ma, M. et al. (2018). A title & more. Sensors.",
@@ -52,8 +53,8 @@ def reproduction(folder: Path) -> Reproduction:
 def row(quantity: str, unit: str, printed: str, paper: float, ours: float, why: str = "") -> Row:
     """Judged by the filter; less is better."""
     spread = {"filter": spread_of([0.9 * ours, ours, 1.1 * ours]), "smoother": Spread(1.0, 1.0, 1.0, 1)}
-    return Row(quantity, unit, printed, spread, paper, "filter", why=why)
+    return Row(quantity, unit, printed, spread, paper, "filter", good=-1, why=why)
 
 
 def _picture(name: str) -> Picture:
-    return Picture(f"{name}.png", f'Figure {name}: "so & so" < that.')
+    return Picture(f"pictures/figure-{name}.png", f'Figure {name}: "so & so" < that.')

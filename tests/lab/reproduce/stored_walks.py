@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from fg_nav.lab.campaign.execute import settings_of
+from fg_nav.lab.reproduce.table import read_table
+from fg_nav.lab.reproduce.walks import keys_of
 from fg_nav.lab.store.results import Result, write_result
 from fg_nav.lab.walked import AS_STARTED, BEST_YAW, WalkErrors
 
@@ -12,6 +14,14 @@ FOOTFALLS = 60
 
 SHARES = {AS_STARTED: 1.0, BEST_YAW: 0.5}
 """What is left of a path's errors as it is laid on the truth; of those at its end all."""
+
+
+def keys_of_paper(paper, seeds, quick=False):
+    """Every method on every walk of a paper's table."""
+    table = read_table(paper)
+    levels = table.quick_fields if quick else table.fields
+    scenarios = [planned.scenario for planned in table.experiments if planned.scenario]
+    return [key for scenario in scenarios for key in keys_of(scenario, levels, table.methods, seeds)]
 
 
 def store_walks(folder, keys, error_m, failing=()):

@@ -22,6 +22,7 @@ from fg_nav.lab.reproduce.results import (
     spread_of,
     write_reproduction,
 )
+from fg_nav.lab.reproduce.table import PAPERS
 from fg_nav.lab.store.results import Number, encode_number
 from tests.command_line import in_a_process, names
 from tests.lab.reproduce.made import drawn, reproduction, row
@@ -32,15 +33,15 @@ def papers(monkeypatch):
     """What the paper's experiments were asked for."""
     asked = []
 
-    def experiments(folder, seeds, workers, progress, quick):
+    def experiments(name, folder, seeds, workers, progress, quick):
         asked.append((tuple(seeds), workers, quick))
         progress(0.5)
         if workers == 9:
-            drawn(folder, "half.png")
+            drawn(folder, "pictures/figure-half.png")
             raise KeyboardInterrupt
         return replace(reproduction(folder), seeds=tuple(seeds), parameters={"filter": {"sigmas": (1.0, 2.0)}})
 
-    monkeypatch.setattr(command, "_load_paper", lambda name: experiments)
+    monkeypatch.setattr(command, "run_paper", experiments)
     return asked
 
 
@@ -82,7 +83,7 @@ def test_what_is_no_result_is_refused_in_one_sentence(tmp_path, text):
 def test_a_run_writes_all_and_prints_every_row(papers, tmp_path, capsys):
     command.print_rows(command.reproduce("ma2018", tmp_path / "out", seeds=2, first=7, workers=3), tmp_path / "out")
     assert papers == [((7, 8), 3, False)]
-    assert names(tmp_path / "out") == {".fg-nav-reproduce", "report.html", "results.json", "one.png", "two.png"}
+    assert names(tmp_path / "out") == {".fg-nav-reproduce", "report.html", "results.json", "pictures"}
     said = capsys.readouterr().out
     for words in ("M-E1  The <first>", "end < error & more (m)", "0.50 to 0.60", "never", "report: "):
         assert words in said
@@ -117,7 +118,7 @@ def test_a_run_that_was_ended_goes_on_and_a_result_is_replaced_by_force_only(pap
     out = tmp_path / "out"
     with pytest.raises(KeyboardInterrupt):
         command.reproduce("ma2018", out, seeds=2, workers=9)
-    assert names(out) == {".fg-nav-reproduce", "half.png"}
+    assert names(out) == {".fg-nav-reproduce", "pictures"}
     command.reproduce("ma2018", out, seeds=2)
     with pytest.raises(OutputError, match="already holds a result"):
         command.reproduce("ma2018", out, seeds=2)
@@ -125,30 +126,23 @@ def test_a_run_that_was_ended_goes_on_and_a_result_is_replaced_by_force_only(pap
     assert len(read_reproduction(out / "results.json").seeds) == 3
 
 
-def test_only_pictures_of_an_older_result_are_taken_away(papers, tmp_path, monkeypatch):
-    """Though a run was ended in between, when that result was no more."""
+def test_pictures_of_an_older_result_are_taken_away_and_nothing_else(papers, tmp_path):
     out = tmp_path / "out"
     command.reproduce("ma2018", out, seeds=2)
-    drawn(out, "mine.png")
-    text = (out / "results.json").read_text().replace("one.png", "../other.png").replace("two.png", "older.png")
-    (out / "results.json").write_text(text)
-    for place in (out / "older.png", tmp_path / "other.png"):
-        place.write_bytes(b"")
+    for name in ("mine.png", "pictures/mine.png", "pictures/figure-older.png"):
+        drawn(out, name)
     with pytest.raises(KeyboardInterrupt):
         command.reproduce("ma2018", out, workers=9, force=True)
-    assert "older.png" in names(out)
+    assert names(out) == {".fg-nav-reproduce", "mine.png", "pictures"}
     command.reproduce("ma2018", out, seeds=2)
-    assert {"mine.png", "one.png", "two.png", "half.png"} <= names(out)
-    assert "older.png" not in names(out)
-    assert (tmp_path / "other.png").exists()
-    assert (out / ".fg-nav-reproduce").read_text() == "ma2018\n"
+    assert names(out / "pictures") == {"mine.png", "figure-one.png", "figure-two.png"}
 
 
 def test_a_worker_that_was_ended_is_shown_in_one_sentence(monkeypatch, tmp_path):
     def experiments(*_):
         raise BrokenProcessPool
 
-    monkeypatch.setattr(command, "_load_paper", lambda name: experiments)
+    monkeypatch.setattr(command, "run_paper", experiments)
     with pytest.raises(OutputError, match="run the same command again, it goes on"):
         command.reproduce("ma2018", tmp_path / "out")
 
@@ -174,7 +168,7 @@ def test_the_command_line_hands_on_what_was_said(papers, tmp_path):
 def test_the_command_line_knows_each_paper():
     ran = in_a_process("lab", "reproduce", "none-of-them", COLUMNS="200")
     assert ran.code == 2
-    assert all(paper in ran.err for paper in command.PAPERS)
+    assert all(paper in ran.err for paper in PAPERS)
 
 
 def test_figures_are_shown_with_what_never_came_and_how_many_there_are():

@@ -19,52 +19,21 @@ def turned(bearing_deg, field=NORTH):
 
 def test_a_field_that_creeps_changes_by_its_whole_way():
     field = NORTH + np.arange(10.0)[:, None] * [0.3, 0.0, 0.0]
-    np.testing.assert_allclose(measure_field_change(field, 1).vector_uT[1:], 0.3)
+    np.testing.assert_allclose(measure_field_change(field, 1)[1:], 0.3)
     change = measure_field_change(field, 3)
-    np.testing.assert_allclose(change.vector_uT[3:], 0.9)
-    assert not change.known[:3].any()
-    assert change.known[3:].all()
+    np.testing.assert_allclose(change[3:], 0.9)
+    assert np.isnan(change[:3]).all()
 
 
 def test_a_field_that_comes_back_has_changed_all_the_same():
     field = NORTH + np.array([0.0, 2.0, 0.0, 0.0, 0.0, 0.0])[:, None] * [0.0, 0.0, 1.0]
-    np.testing.assert_allclose(measure_field_change(field, 3).vector_uT, [np.nan, np.nan, np.nan, 2.0, 2.0, 0.0])
-
-
-def test_direction_over_the_ground_is_followed_past_south():
-    change = measure_field_change(turned([170.0, 185.0, 190.0]), 2)
-    assert np.rad2deg(change.heading[2]) == pytest.approx(20.0)
-    assert (change.inclination[2], change.strength_uT[2]) == pytest.approx((0.0, 0.0), abs=1e-12)
-
-
-def test_dip_and_length_have_measures_of_their_own():
-    dipped = np.array([NORTH, np.linalg.norm(NORTH) * np.array([0.0, 0.6, -0.8])])
-    change = measure_field_change(dipped, 1)
-    assert change.inclination[1] == pytest.approx(np.arctan2(43, 21) - np.arctan2(0.8, 0.6))
-    assert (change.heading[1], change.strength_uT[1]) == pytest.approx((0.0, 0.0), abs=1e-12)
-    stretched = measure_field_change(np.array([NORTH, 1.1 * NORTH]), 1)
-    assert stretched.strength_uT[1] == pytest.approx(0.1 * np.linalg.norm(NORTH))
-    assert (stretched.heading[1], stretched.inclination[1]) == pytest.approx((0.0, 0.0), abs=1e-12)
-
-
-def test_no_part_changes_by_more_than_the_vector_allows():
-    rng = np.random.default_rng(1)
-    field = NORTH + rng.normal(scale=2.0, size=(500, 3))
-    change = measure_field_change(field, 3)
-    horizontal = np.linalg.norm(field[:, :2], axis=1).min()
-    strength = np.linalg.norm(field, axis=1).min()
-    limit = change.vector_uT[3:]
-    assert (change.strength_uT[3:] <= limit + 1e-12).all()
-    assert (np.sin(change.heading[3:] / 2) <= limit / (2 * horizontal) + 1e-12).all()
-    assert (np.sin(change.inclination[3:] / 2) <= limit / (2 * strength) + 1e-12).all()
+    np.testing.assert_allclose(measure_field_change(field, 3), [np.nan, np.nan, np.nan, 2.0, 2.0, 0.0])
 
 
 def test_turning_the_map_changes_nothing():
-    rng = np.random.default_rng(2)
-    field = NORTH + rng.normal(scale=3.0, size=(50, 3))
+    field = NORTH + np.random.default_rng(2).normal(scale=3.0, size=(50, 3))
     there, turned_map = measure_field_change(field, 2), measure_field_change(field @ yaw_rotation(1.0).T, 2)
-    for name in ("vector_uT", "heading", "inclination", "strength_uT"):
-        np.testing.assert_allclose(getattr(there, name), getattr(turned_map, name), atol=1e-12)
+    np.testing.assert_allclose(there, turned_map, atol=1e-12)
 
 
 def test_deviation_is_the_error_of_a_perfect_compass():
@@ -108,5 +77,5 @@ def test_what_cannot_be_is_said():
         measure_field_change(np.tile(NORTH, (3, 1)), 3)
     with pytest.raises(EvaluationError, match="window of 0 steps"):
         measure_field_change(np.tile(NORTH, (3, 1)), 0)
-    with pytest.raises(EvaluationError, match="walk farther"):
+    with pytest.raises(EvaluationError, match="window of 3 steps cannot be laid over 2 stances"):
         measure_course_change(np.zeros((2, 3)), 3)

@@ -30,13 +30,6 @@ def test_area_of_two_gaussians(rng, shift):
     assert found.area == pytest.approx(norm.cdf(shift / np.sqrt(2)), abs=0.004)
     at = norm.ppf(0.2)
     assert found.at(at) == pytest.approx((norm.cdf(at + shift), 0.2), abs=0.006)
-    assert found.p_d_at(np.array([0.1]))[0] == pytest.approx(norm.cdf(norm.ppf(0.1) + shift), abs=0.008)
-
-
-def test_knee_of_two_gaussians_lies_half_way(rng):
-    threshold, p_d, p_fa = make_roc(*drawn(rng, cases=20_000, shift=2.0)).knee
-    assert threshold == pytest.approx(-1.0, abs=0.15)
-    assert (p_d, p_fa) == pytest.approx((norm.cdf(1), norm.cdf(-1)), abs=0.03)
 
 
 @pytest.mark.parametrize("decimals", [12, 0])
@@ -56,14 +49,6 @@ def test_only_the_order_of_the_statistic_counts(rng):
     assert plain.band_at(0.3) == turned.band_at(np.exp(0.9))
 
 
-def test_walks_may_be_called_anything_and_come_in_any_order(rng):
-    statistic, signal, walk = drawn(rng)
-    shuffled = rng.permutation(len(walk))
-    there = make_roc(statistic, signal, walk).area_band()
-    again = make_roc(statistic[shuffled], signal[shuffled], 1000 - 7 * walk[shuffled]).area_band()
-    assert (again.value, again.low, again.high) == pytest.approx((there.value, there.low, there.high), abs=1e-12)
-
-
 def test_declared_are_those_strictly_below_the_threshold():
     found = make_roc(np.array([1.0, 2.0, 2.0, 3.0]), np.array([True, True, False, False]))
     assert found.at(1.0) == (0.0, 0.0)
@@ -77,8 +62,6 @@ def test_a_curve_that_is_known():
     np.testing.assert_array_equal(found.p_d, [0, 0.5, 1, 1])
     np.testing.assert_array_equal(found.p_fa, [0, 0, 0.5, 1])
     assert found.area == 0.875
-    assert found.knee == (1.0, 0.5, 0.0)
-    assert found.prevalence == 0.5
 
 
 def test_what_was_not_judged_counts_neither_way(rng):
@@ -125,24 +108,6 @@ def test_a_band_by_stances_would_be_too_narrow(rng):
             norm.cdf(SHIFT / np.sqrt(2.64)) in make_roc(statistic, signal, np.arange(len(signal))).area_band()
         )
     assert np.mean(covered) < 0.7
-
-
-def test_band_of_the_curve_is_that_of_its_points(rng):
-    statistic, signal, walk = drawn(rng, cases=2000, of_walk=0.5)
-    found = make_roc(statistic, signal, walk)
-    low, high = found.curve_band(np.array([0.0, 0.2, 1.0]))
-    p_d = found.p_d_at(np.array([0.2]))[0]
-    assert low[1] < p_d < high[1]
-    threshold = norm.ppf(0.2)  # all that differs from walk to walk are the signals
-    of_point, _ = found.band_at(threshold)
-    assert high[1] - low[1] == pytest.approx(of_point.high - of_point.low, rel=0.15)
-    assert (low[2], high[2]) == (pytest.approx(1.0, abs=1e-3), 1.0)
-
-
-def test_a_wider_claim_has_a_wider_band(rng):
-    found = make_roc(*drawn(rng))
-    narrow, wide = found.area_band(0.5), found.area_band(0.99)
-    assert wide.low < narrow.low < found.area < narrow.high < wide.high
 
 
 def test_where_one_walk_holds_all_signals_nothing_is_known(rng):

@@ -12,11 +12,9 @@ from fg_nav.errors import OutputError
 from fg_nav.lab import reproduce
 from fg_nav.lab.campaign.execute import settings_of
 from fg_nav.lab.reproduce.walks import (
+    FIGURES,
     Walks,
-    count_codes,
     describe_other_code,
-    end_m,
-    heading_deg,
     keys_of,
     read_walks,
     reduction_over,
@@ -90,9 +88,9 @@ def test_walks_and_parts_are_made_once(tmp_path, monkeypatch, workers):
     assert shown == pytest.approx([1 / 3, 2 / 3, 1.0])
     walks = read_walks(tmp_path, keys).of("demo", "smooth", "iez")
     assert [one.key.walk for one in walks] == ["3", "4"]
-    assert 0.0 < spread_over(walks, end_m).median < 3.0
+    assert 0.0 < spread_over(walks, FIGURES["end_m"]).median < 3.0
     assert [bool(one.estimate) for one in walks] == [True, False]
-    monkeypatch.setattr("fg_nav.lab.reproduce.walks.store_task", None)
+    monkeypatch.setattr("fg_nav.lab.reproduce.walks.run_task", None)
     run_missing(tmp_path, keys, [part], workers)
 
 
@@ -102,14 +100,10 @@ def test_what_other_code_made_is_counted_and_shown():
 
     ours = code_sum()
     walks = Walks({("mall", "indoor", "iez"): of(ours, "554df78"), ("mall", "smooth", "iez"): of("554df78", "554df78")})
-    assert count_codes(walks) == {ours: 1, "554df78": 3}
     [shown] = describe_other_code(walks)
     assert shown.startswith("3 of 4 results")
-    assert "(sum 554df78)" in shown
-    walks.results["office", "smooth", "iez"] = of("aaaa")
-    assert "(3 with sum 554df78, 1 with sum aaaa)" in describe_other_code(walks)[0]
+    assert "(3 with sum 554df78)" in shown
     assert describe_other_code(Walks({("mall", "indoor", "iez"): of(ours, ours)})) == ()
-    assert describe_other_code(Walks()) == ()
 
 
 def test_what_a_campaign_kept_is_known_by_its_settings():
@@ -121,17 +115,17 @@ def test_what_a_campaign_kept_is_known_by_its_settings():
 
 def test_figures_are_over_walks_and_a_failed_one_is_infinitely_wrong():
     some = [result("ma2018", seed, 1.0 * seed) for seed in (1, 2, 3)]
-    assert (spread_over(some, end_m).median, spread_over(some, heading_deg).median) == (2.0, 2.0)
+    assert (spread_over(some, FIGURES["end_m"]).median, spread_over(some, FIGURES["heading_deg"]).median) == (2.0, 2.0)
     assert spread_over(some, used_percent).median == pytest.approx(100 / 3)
     some[0] = replace(some[0], failed="so.", errors={})
-    found = spread_over(some, end_m)
+    found = spread_over(some, FIGURES["end_m"])
     assert (found.median, found.high, found.n) == (3.0, np.inf, 3)
 
 
 def test_a_reduction_is_that_of_each_walk():
     ours = [result("ma2018", 1, 1.0), result("ma2018", 2, 3.0)]
     theirs = [result("iqsf", 2, 4.0), result("iqsf", 1, 2.0)]
-    found = reduction_over(ours, theirs, end_m)
+    found = reduction_over(ours, theirs, FIGURES["end_m"])
     assert (found.low, found.median, found.high) == pytest.approx((26.25, 37.5, 48.75))
     failed = [replace(ours[0], failed="so.", errors={}), ours[1]]
-    assert reduction_over(failed, theirs, end_m).low == -np.inf
+    assert reduction_over(failed, theirs, FIGURES["end_m"]).low == -np.inf

@@ -11,7 +11,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -45,7 +44,7 @@ class Judged:
 
 
 def magnet_part(strength: int, seed: int) -> Measurement:
-    """What `load_judged` and Figures 5 and 6 read of one walk with a calibrated magnetometer."""
+    """What `judged_of` and Figure 6 read of one walk with a calibrated magnetometer."""
     return Measurement(f"aiez2017_magnet_{strength}x_{seed}", partial(_walk_past, strength, seed))
 
 
@@ -66,12 +65,8 @@ def _walk_past(strength: int, seed: int) -> Arrays:
     return arrays | places | headings | {"turned_deg": np.degrees(np.abs(_turn_by_magnet(walk, field)))}
 
 
-def load_judged(folder: Path, strength: int, seeds: Sequence[int]) -> list[Judged]:
-    """Walks that are stored, or made now."""
-    return [_judged_of(magnet_part(strength, seed).load(folder)) for seed in seeds]
-
-
-def _judged_of(arrays: Arrays) -> Judged:
+def judged_of(arrays: Arrays) -> Judged:
+    """Footfalls of one walk as they are stored."""
     return Judged(arrays["turned_deg"], {name: arrays[f"statistic {name}"] for name in DETECTORS})
 
 

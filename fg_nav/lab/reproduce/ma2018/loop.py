@@ -20,24 +20,19 @@ CLSEF, bare          the sensor tumbled for a minute without the shoe, where it 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Floats, interpolate_columns
 from fg_nav.calibration.ellipsoid import Ellipse, calibrate_on_loop, fit_ellipsoid
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import wrap_angle
-from fg_nav.lab.extremes import (
-    find_ellipse_as_printed,
-    find_ellipse_by_extremes,
-    upper_triangular,
-)
+from fg_nav.lab.extremes import find_ellipse_as_printed, find_ellipse_by_extremes, upper_triangular
 from fg_nav.lab.simulation import Choices, SimulatedWalk, scenario, simulate
 from fg_nav.lab.simulation.fields import SITES
 from fg_nav.lab.simulation.sensors import IronPrior, SensorPrior, ma_table_1, make_iron, preset
@@ -47,21 +42,14 @@ from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.magnetic.footfall_field import compute_field_heading, compute_level_R_body, rotate_to_level
 from fg_nav.truth import TrajectoryTruth
 
-LOOP = "calibration-loop"
-
-SENSOR = "mpu-9250x8"
+LOOP, SENSOR = "calibration-loop", "mpu-9250x8"
 
 MA_K = np.array([[1.027, 0.037, 0.046], [0.0, 1.018, -0.002], [0.0, 0.0, 1.062]])
 """K_c of Table 1, CLSEF: what brings readings less B_c to the field."""
 
 MA_B_UT = np.array([14.336, 7.975, -5.641])  # B_c of Table 1, CLSEF.
 
-TUMBLED_S = 60.0
-
-MG_PER_UT = 10.0
-
-Taken = TypeVar("Taken")
-Found = TypeVar("Found")
+TUMBLED_S, MG_PER_UT = 60.0, 10.0
 
 CLSEF = "CLSEF, bare"
 
@@ -76,14 +64,12 @@ ELLIPSES: dict[str, Callable[[FootfallField], Ellipse]] = {
 class Loop:
     """One walked loop: what each method finds and makes of the headings; empty or infinite where it refused.
 
-    `ellipse` holds by method offset x, y uT, eta rad and tau; `heading` the differences (F,) rad. `tumbled` (N, 3) uT
-    are the readings without the shoe in levelled axes, `K` (3, 3) and `B_uT` (3,) what they give, as in the CLSEF line
-    of Table 1, the scale of K being unknown.
+    `ellipse` holds by method offset x, y uT, eta rad and tau; `heading` the differences (F,) rad. `K` (3, 3) and `B_uT`
+    (3,) are what the readings without the shoe give, as in the CLSEF line of Table 1, the scale of K being unknown.
     """
 
     ellipse: dict[str, Floats]
     heading: dict[str, Floats]
-    tumbled: Floats
     K: Floats
     B_uT: Floats
 
@@ -95,46 +81,44 @@ def walk_loop(seed: int) -> Loop:
     on_shoe = replace(scenario(LOOP), sensor=preset(SENSOR).with_iron(ma_table_1(R)))
     recording = simulate(on_shoe, seed, choices).recording
     field = average_footfall_field(recording, detect_stances(recording))
-    found = {name: _try(method, field) for name, method in ELLIPSES.items()}
-    readings = tumble(preset(SENSOR).with_iron(bare_of_table_1(R)), seed)
-    bare = _try(fit_ellipsoid, readings)
-    heading = {name: _flat_difference(field, ellipse) for name, ellipse in found.items()}
-    K = np.full((3, 3), np.nan) if bare is None else upper_triangular(R @ bare.correction @ R.T)
-    B = np.full(3, np.nan) if bare is None else R @ bare.hard_iron_uT
-    if bare is not None:
+    ellipse, heading = {}, {}
+    # on the shoe, by each way to the ellipse of the levelled field
+    for name, find in ELLIPSES.items():
+        ellipse[name], heading[name] = np.full(4, np.inf), np.empty(0)
+        with suppress(CalibrationError):
+            found = find(field)
+            ellipse[name] = np.array([*found.offset_uT, found.eta_rad % np.pi, found.tau])
+            heading[name] = compute_difference(field, found.correct(field.level_field[:, :2]))
+    # without the shoe, by an ellipsoid
+    K, B, heading[CLSEF] = np.full((3, 3), np.nan), np.full(3, np.nan), np.empty(0)
+    with suppress(CalibrationError):
+        bare = fit_ellipsoid(tumble(preset(SENSOR).with_iron(bare_of_table_1(R)), seed))
+        K, B = upper_triangular(R @ bare.correction @ R.T), R @ bare.hard_iron_uT
         corrected = (field.body_field - bare.hard_iron_uT) @ (R.T @ K @ R).T
-        heading[CLSEF] = _difference(field, rotate_to_level(corrected, field.nav_R_body[:, 2]))
-    shapes = {name: _shape_of(ellipse) for name, ellipse in found.items()}
-    return Loop(shapes, {CLSEF: np.empty(0), **heading}, readings @ R.T, K, B)
+        heading[CLSEF] = compute_difference(field, rotate_to_level(corrected, field.nav_R_body[:, 2]))
+    return Loop(ellipse, heading, K, B)
 
 
 def loop_part(seed: int) -> Measurement:
-    """What `load_loops` reads of one loop."""
+    """What `loop_of` reads of one loop."""
     return Measurement(f"ma2018_loop_{seed}", partial(_loop_arrays, seed))
 
 
 def _loop_arrays(seed: int) -> Arrays:
     loop = walk_loop(seed)
-    arrays = {"tumbled": loop.tumbled[::_EVERY], "K": loop.K, "B_uT": loop.B_uT}
-    for group in _BY_NAME:
+    arrays = {"K": loop.K, "B_uT": loop.B_uT}
+    for group in ("ellipse", "heading"):
         arrays |= {f"{group}/{name}": values for name, values in getattr(loop, group).items()}
     return arrays
 
 
-def load_loops(folder: Path, seeds: Sequence[int]) -> list[Loop]:
-    """Loops that are stored, or made now; of the tumbled readings each tenth."""
-    return [_loop_of(loop_part(seed).load(folder)) for seed in seeds]
-
-
-def _loop_of(arrays: Arrays) -> Loop:
+def loop_of(arrays: Arrays) -> Loop:
+    """One loop as it is stored."""
     ellipse, heading = (
         {key.partition("/")[2]: found for key, found in arrays.items() if key.startswith(f"{group}/")}
-        for group in _BY_NAME
+        for group in ("ellipse", "heading")
     )
-    return Loop(ellipse, heading, arrays["tumbled"], arrays["K"], arrays["B_uT"])
-
-
-_BY_NAME, _EVERY = ("ellipse", "heading"), 10
+    return Loop(ellipse, heading, arrays["K"], arrays["B_uT"])
 
 
 def standing_attitude(walk: SimulatedWalk) -> Floats:
@@ -166,40 +150,16 @@ def tumble(prior: SensorPrior, seed: int) -> Floats:
     body_field = np.einsum("nji,j->ni", attitude, nav_field)
     still = np.zeros_like(body_field)
     run = prior.draw(Streams(seed, LOOP).lasting("sensor")).switch_on(rng)  # the same sensor as on the shoe
-    mag = run.measure(t, still, still, lambda at: _between(at, t, body_field)).mag
+    mag = run.measure(t, still, still, lambda at: interpolate_columns(at, t, body_field)).mag
     assert mag is not None
     return mag
 
 
-def _between(at: Floats, t: Floats, values: Floats) -> Floats:
-    return np.stack([np.interp(at, t, values[:, k]) for k in range(3)], axis=1)
-
-
-def _try(method: Callable[[Taken], Found], readings: Taken) -> Found | None:
-    """What a method finds, or None where it refuses."""
-    try:
-        return method(readings)
-    except CalibrationError:
-        return None
-
-
-def _shape_of(ellipse: Ellipse | None) -> Floats:
-    """Offset x, y uT, eta rad in half a turn, and tau; infinite where there is no ellipse."""
-    if ellipse is None:
-        return np.full(4, np.inf)
-    return np.array([*ellipse.offset_uT, ellipse.eta_rad % np.pi, ellipse.tau])
-
-
-def _difference(field: FootfallField, level_field: Floats) -> Floats:
+def compute_difference(field: FootfallField, level_field: Floats) -> Floats:
     """Magnetic minus gyro heading (F,) rad of footfalls with a field, less the mean direction."""
     known = np.isfinite(level_field).all(axis=1)
     turned = wrap_angle(compute_field_heading(level_field) - field.gyro_heading)[known]
     return wrap_angle(turned - np.angle(np.exp(1j * turned).mean()))
-
-
-def _flat_difference(field: FootfallField, ellipse: Ellipse | None) -> Floats:
-    """Heading difference by an ellipse."""
-    return np.empty(0) if ellipse is None else _difference(field, ellipse.correct(field.level_field[:, :2]))
 
 
 def heading_errors(loops: Sequence[Loop], name: str) -> tuple[Floats, Floats]:

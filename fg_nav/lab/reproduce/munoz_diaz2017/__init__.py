@@ -1,292 +1,246 @@
 """The experiments of Munoz Diaz et al. (2017): what gravity and the field show of gyro biases in a pocket.
 
-walks    two a seed stand for the paper's two recorded ones                             (`walks`)
-runs     the paper's filter, as printed and corrected, and the graph, batch and online  (`runs`)
-figures  what is read off them, row by row                                              (`runs`, `rows`)
-
-Each seed leaves one small file, so that an ended run goes on. It holds as long as its settings are the same
-(parameters, cases, readings, and the sources that make figures), and as long as its pictures are there, if it has any.
+`walks` has two walks a seed, which stand for the paper's two recorded ones; `runs` what the estimators make of them:
+the paper's filter, as printed and corrected, and the graph, batch and online. Here figures are read off these runs.
+Biases are in deg/s, axis z along the thigh. MD (21) as printed is a case of its own.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
 
 from fg_nav.arrays import Floats
-from fg_nav.lab.allan import AllanCurve
-from fg_nav.lab.processes import run_tasks
-from fg_nav.lab.reproduce.munoz_diaz2017 import figures as pictures
-from fg_nav.lab.reproduce.munoz_diaz2017 import rows as table
-from fg_nav.lab.reproduce.munoz_diaz2017 import walks as simulated
-from fg_nav.lab.reproduce.munoz_diaz2017.figures import FIGURES, file_of
-from fg_nav.lab.reproduce.munoz_diaz2017.rows import PLAN, Planned, Reading
-from fg_nav.lab.reproduce.munoz_diaz2017.runs import FILTERS, GRAPHS, Run, ratio, run_estimators
-from fg_nav.lab.reproduce.munoz_diaz2017.text import CITATION, DIFFERS, TITLES
-from fg_nav.lab.reproduce.munoz_diaz2017.walks import FIELDS_UT, AllanPair, Setting
-from fg_nav.lab.reproduce.results import Experiment, Picture, Reproduction, Row, spread_of
-from fg_nav.lab.reproduce.walks import RESULTS_FOLDER
-from fg_nav.lab.store.code import code_sum, sum_sources
-from fg_nav.lab.store.files import make_folder
-from fg_nav.lab.store.results import Entry, Number, encode_number
+from fg_nav.lab.reproduce.drawing import Pictures
+from fg_nav.lab.reproduce.munoz_diaz2017 import figures
+from fg_nav.lab.reproduce.munoz_diaz2017.runs import FILTERS, GRAPHS, Run, Seed, measure_seed, seed_of
+from fg_nav.lab.reproduce.munoz_diaz2017.walks import BATCH, FIELDS_UT, ONLINE, Setting
+from fg_nav.lab.reproduce.results import Picture, Spread, spread_of
+from fg_nav.lab.reproduce.runner import Found, Made, Paper, Parts
+from fg_nav.lab.reproduce.table import Line
+from fg_nav.lab.store.code import sum_sources
+from fg_nav.lab.store.results import Measurement
 from fg_nav.text import to_json
 
-Values = dict[str, dict[str, Number]]
-"""By row (`name_of`) and column; NaN where the walk has nothing to read it off, infinite where a method ended."""
-
-Found = dict[str, dict[str, Run | None]]
-"""By case and estimator; None where it ended."""
-
-DRAWN = (simulated.FILTER, simulated.ONLINE)  # Estimators whose runs are drawn.
-FOG_HOURS, ALLAN_HOURS = 1.0, 14.0  # As in the paper.
+OURS, EXPECTED = "ours", "by the field"  # Columns of what no estimator has a hand in.
 
 
-@dataclass(frozen=True)
-class Wanted:
-    """How a seed is made: as in `reproduce`, and whether its runs are drawn."""
-
-    quick: bool = False
-    drawn: bool = False
-    leg_m: float | None = None
+def list_parts(seeds: Sequence[int], quick: bool) -> Parts:
+    """One measurement a seed; quick without the other noises of the second walk's magnetometer."""
+    names = {seed: f"munoz-diaz2017_{seed}_{'quick_' if quick else ''}{_code()}" for seed in seeds}
+    return {"seed": [Measurement(name, partial(measure_seed, seed, quick)) for seed, name in names.items()]}
 
 
-@dataclass(frozen=True)
-class Stored:
-    """Content of a seed's file."""
-
-    pictures: list[str]
-    values: Values
-
-
-def name_of(experiment: str, reading: Reading) -> str:
-    """Key of a row's values."""
-    return f"{experiment}: {reading.row.quantity}"
+@cache
+def _code() -> str:
+    """Sum over all sources that make a run: a measurement's own is over one module."""
+    folder = Path(__file__).parent
+    return sum_sources([folder / f"{name}.py" for name in ("as_printed", "runs", "walks")])
 
 
-def load_values(seed: int, wanted: Wanted, folder: Path) -> Values:
-    """Return the figures of a seed; they are made and stored, and its pictures drawn, if they are missing."""
-    stored = read_values(seed, wanted, folder)
-    if stored is not None:
-        return stored
-    all_of = walk_seed(seed, wanted)
-    values = values_of(all_of)
-    drawn = _draw(folder, seed, all_of) if wanted.drawn else []
-    plain_values = {row: {column: encode_number(one) for column, one in of.items()} for row, of in values.items()}
-    make_folder(folder / RESULTS_FOLDER)
-    _entry(seed, wanted, folder).write({"pictures": drawn, "values": plain_values})
-    return values
+def read_run(made: Made) -> Found:
+    """Figures of each seed, and the pictures of the first."""
+    lines = [line for planned in made.table.experiments for line in planned.lines(made.levels)]
+    values: dict[object, dict[str, list[float]]] = {_what(line): {} for line in lines}
+    drawn: dict[str, list[Picture]] = {}
+    for part in made.parts["seed"]:
+        seed = seed_of(part.load(made.folder))
+        drawn = drawn or figures.draw_all(Pictures(made.folder), seed)
+        for line in lines:
+            for column, value in read_line(seed, line).items():
+                if not math.isnan(value):
+                    values[_what(line)].setdefault(column, []).append(value)
+
+    def measure(line: Line) -> dict[str, Spread]:
+        return {column: spread_of(of_seeds) for column, of_seeds in values[_what(line)].items()}
+
+    return Found({str(line.measure[0]): measure for line in lines}, drawn, describe_parameters())
 
 
-def read_values(seed: int, wanted: Wanted, folder: Path) -> Values | None:
-    """Return the stored figures of a seed; None if there are none that hold, or its pictures are missing."""
-    content = _entry(seed, wanted, folder).read()
-    try:
-        stored = None if content is None else TypeAdapter(Stored).validate_python(content)
-    except ValidationError:
-        return None
-    return stored.values if stored and all((folder / name).is_file() for name in stored.pictures) else None
+PAPER = Paper(list_parts, read_run)
 
 
-def _entry(seed: int, wanted: Wanted, folder: Path) -> Entry:
-    return Entry(folder / RESULTS_FOLDER / f"{seed}.json", settings_of(seed, wanted))
-
-
-def settings_of(seed: int, wanted: Wanted) -> dict[str, Any]:
-    """What a seed is made with, as JSON has it."""
-    made_with = {
-        "seed": seed,
-        "wanted": asdict(wanted),
-        "cases": simulated.list_cases(wanted.quick),
-        "rows": [name_of(planned.name, reading) for planned in PLAN for reading in planned.readings],
-        "parameters": describe_parameters(),
-        "code": _code(),
-    }
-    return dict(to_json(made_with))
+def _what(line: Line) -> object:
+    return line.measure, line.of, line.over
 
 
 def describe_parameters() -> dict[str, Any]:
     """Effective parameters of the estimators; the noise of the magnetometer and the detector are those of the case."""
     filters = {name: parameters for name, (parameters, _) in FILTERS.items()}
-    graphs = {
-        f"{simulated.BATCH} and {simulated.ONLINE}, {walk} walk": GRAPHS[walk == "first"]
-        for walk in ("first", "second")
-    }
+    graphs = {f"{BATCH} and {ONLINE}, {walk} walk": GRAPHS[walk == "first"] for walk in ("first", "second")}
     return dict(to_json({**filters, **graphs}))
 
 
-@cache
-def _code() -> str:
-    """Sum over the sources that make a figure; the texts make none."""
-    own = sorted(path for path in Path(__file__).parent.glob("*.py") if path.stem != "text")
-    return f"{code_sum()} {sum_sources(own)}"
+def read_line(seed: Seed, line: Line) -> dict[str, float]:
+    """A row of one seed, by column: NaN where the walk has nothing to read it off, infinite where a method ended."""
+    what, *arguments = line.measure
+    if what in OWN:
+        column = EXPECTED if what == "across" else OURS
+        return {column: OWN[str(what)](seed, *arguments)}
+    if line.of not in seed.runs:
+        return {}
+    ours = _of_case(seed, line.of, str(what), arguments)
+    if line.over:
+        other = _of_case(seed, line.over, str(what), arguments)
+        ours = {name: ratio(value, other[name]) for name, value in ours.items() if name in other}
+    if line.over and line.of in FIELDS_UT:  # the mean square of the field across the thigh sets the time it takes
+        ours[EXPECTED] = (field_across(seed, line.over) / field_across(seed, line.of)) ** 2
+    return ours
 
 
-@dataclass(frozen=True)
-class Walked:
-    """All of a seed: what is true of its walks, by case, what was made of them, and the gyroscopes at rest."""
-
-    settings: Mapping[str, Setting]
-    found: Found
-    own: Mapping[str, float]
-    across: Mapping[str, float]
-    pair: AllanPair
-
-
-def walk_seed(seed: int, wanted: Wanted) -> Walked:
-    """Walk and estimate."""
-    first = simulated.simulate_first(seed, wanted.leg_m)
-    second = simulated.simulate_second(seed, simulated.SECOND_NOISES_UT[0], wanted.leg_m)
-    settings: dict[str, Setting] = {}
-    found: Found = {}
-    for case in simulated.list_cases(wanted.quick):
-        if case not in simulated.FIRST and case.mag_sigma_uT != simulated.noise_of(second):
-            second = simulated.simulate_second(seed, case.mag_sigma_uT, wanted.leg_m)
-        walk, recorded = (
-            (first, simulated.record_first) if case in simulated.FIRST else (second, simulated.record_second)
-        )
-        settings[case.name] = simulated.read_setting(walk)
-        found[case.name] = run_estimators(recorded(walk, case.name, seed), case, settings[case.name])
-    whole = wanted.leg_m is None
-    pair = simulated.measure_allan_pair(seed, ALLAN_HOURS if whole else 0.2)
-    errors = simulated.measure_sensor_errors(first, second)
-    fog = simulated.measure_fog_errors(seed, FOG_HOURS if whole else 0.02)
-    across = dict(zip(FIELDS_UT, errors["across"], strict=True))
-    return Walked(settings, found, {**_of_fog(fog), **_of_allan(pair), **_of_tables(errors)}, across, pair)
-
-
-def _of_fog(fog: Mapping[str, float]) -> dict[str, float]:
-    return {table.FOG[how]: angle for how, angle in fog.items()}
-
-
-def _of_allan(pair: AllanPair) -> dict[str, float]:
-    """What Figure 5 is read for: white noise, the lowest point, and where that lies, as decimal logarithms."""
-    fog, mems = (np.median([_allan_points(curve) for curve in curves], axis=0) for curves in (pair.fog, pair.mems))
-    white, lowest, at = np.log10(mems / fog)
-    return {table.AT_A_SECOND: float(white), table.LOWEST: float(lowest), table.MIN_AT: -float(at)}
-
-
-def _allan_points(curve: AllanCurve) -> tuple[float, float, float]:
-    k = np.argmin(curve.deviation)
-    return np.interp(1.0, curve.tau_s, curve.deviation), curve.deviation[k], curve.tau_s[k]
-
-
-def _of_tables(errors: Mapping[str, Floats]) -> dict[str, float]:
-    keys = {table.WHITE: "noise", table.FIRST_BIAS: "bias", table.SECOND_START: "start", table.SECOND_END: "end"}
+def _of_case(seed: Seed, case: str, what: str, arguments: Sequence[str | float]) -> dict[str, float]:
+    axes = [AXES.index(one) if isinstance(one, str) else one for one in arguments]
     return {
-        f"{words}, {axis}": float(value)
-        for words, key in keys.items()
-        for axis, value in zip(table.AXES, errors[key], strict=True)
+        name: math.inf if run is None else float(MEASURES[what](run, seed.settings[case], *axes))
+        for name, run in seed.runs[case].items()
     }
 
 
-def values_of(all_of: Walked) -> Values:
-    """Read every row off a seed."""
-    values: Values = {}
-    for planned in PLAN:
-        for reading in planned.readings:
-            name = name_of(planned.name, reading)
-            if reading.row.judged == table.EXPECTED:
-                continue
-            if reading.measure is None:
-                values[name] = {table.OURS: all_of.own[reading.row.quantity]}
-            elif reading.case in all_of.found:
-                values[name] = _read(reading, all_of)
-    for site in FIELDS_UT:
-        values[f"D-E2: {table.across_at(site)}"] = {table.EXPECTED: all_of.across[site]}
-    for site in ("north-pole", "munich"):
-        expected = (all_of.across["equator"] / all_of.across[site]) ** 2
-        values[f"D-E2: {table.minutes_over(site)}"][table.EXPECTED] = float(expected)
-    return values
+# --- what no estimator has a hand in ---------------------------------------------------------------------------------
+
+AXES = "xyz"
 
 
-def _read(reading: Reading, all_of: Walked) -> dict[str, float]:
-    ours = {who: value for who, value in _of_case(reading, reading.case, all_of).items() if who not in reading.without}
-    if not reading.over_case:
-        return ours
-    beside = _of_case(reading, reading.over_case, all_of)
-    return {name: ratio(value, beside[name]) for name, value in ours.items() if name in beside}
+def rest_figure(seed: Seed, what: str) -> float:
+    """Largest angle of an hour at rest, deg, by how; or what Figure 5 is read for, as decimal logarithms of a ratio.
 
-
-def _of_case(reading: Reading, case: str, all_of: Walked) -> dict[str, float]:
-    assert reading.measure is not None
-    setting = all_of.settings[case]
-    return {
-        name: math.inf if run is None else reading.measure(run, setting) for name, run in all_of.found[case].items()
-    }
-
-
-def _draw(folder: Path, seed: int, all_of: Walked) -> list[str]:
-    """Draw a seed, and return the names of the files."""
-    names = pictures.draw_walk(folder, seed, all_of.settings["cars"], all_of.pair)
-    for estimator in DRAWN:
-        of = {case: by[estimator] for case, by in all_of.found.items() if estimator in by}
-        names += pictures.draw_all(folder, estimator, seed, all_of.settings, of)
-    return names
-
-
-def reproduce(
-    folder: Path,
-    seeds: Sequence[int],
-    workers: int,
-    progress: Callable[[float], None],
-    quick: bool,
-    leg_m: float | None = None,
-) -> Reproduction:
-    """Make all experiments, as `fg_nav.lab.reproduce.command.Paper`; the first seed is drawn.
-
-    `quick` leaves out the other noises of the second walk's magnetometer; `leg_m` (m) makes short legs, for tests.
+    Of the MTw's over the FOG's: white noise at 1 s, lowest point, and, of the FOG over the MTw, where that lies.
     """
-    wanted = {seed: Wanted(quick, seed == seeds[0], leg_m) for seed in seeds}
-    found: dict[int, Values] = {}
-    tasks = [partial(load_values, seed, how, folder) for seed, how in wanted.items()]
-    for number, values in run_tasks(tasks, workers):
-        found[seeds[number]] = values
-        progress(len(found) / len(seeds))
-    in_order = [found[seed] for seed in seeds]
-    experiments = tuple(build_experiment(planned, in_order, seeds[0]) for planned in PLAN)
-    return Reproduction("munoz-diaz2017", CITATION, tuple(seeds), experiments, DIFFERS, describe_parameters())
+    if f"rest/{what}" in seed.own:
+        return float(seed.own[f"rest/{what}"])
+    tau_s = seed.own["allan/tau_s"]
+
+    def read(deviation: Floats) -> tuple[float, float, float]:
+        k = int(np.argmin(deviation))
+        return float(np.interp(1.0, tau_s, deviation)), float(deviation[k]), float(tau_s[k])
+
+    fog, mems = (np.median([read(axis) for axis in seed.own[f"allan/{name}"]], axis=0) for name in ("fog", "mems"))
+    white, lowest, at = np.log10(mems / fog)
+    return float({"white": white, "lowest": lowest, "at": -at}[what])
 
 
-def build_experiment(planned: Planned, found: Sequence[Values], drawn_seed: int) -> Experiment:
-    """One experiment from the figures of all seeds; rows that no seed has are left out."""
-    rows = [_row(planned, reading, found) for reading in planned.readings]
-    pictures = [picture for figure in planned.figures for picture in _pictures(figure, drawn_seed)]
-    shown = tuple(row for row in rows if row.ours)
-    return Experiment(planned.name, *TITLES[planned.name], tuple(planned.columns), shown, tuple(pictures))
+def sensor_figure(seed: Seed, what: str, axis: str) -> float:
+    """Errors of Tables 2 and 3, deg/s."""
+    return float(seed.own[f"sensor/{what}"][AXES.index(axis)])
 
 
-def _row(planned: Planned, reading: Reading, found: Sequence[Values]) -> Row:
-    """The median over the seeds; a figure that a walk has not is left out."""
-    of_seeds = [values.get(name_of(planned.name, reading), {}) for values in found]
-    values = {
-        column: [of[column] for of in of_seeds if not math.isnan(of.get(column, math.nan))]
-        for column in planned.columns
-    }
-    spreads = {column: spread_of(known) for column, known in values.items() if known}
-    return replace(reading.row, ours=spreads)
+def field_across(seed: Seed, site: str) -> float:
+    """Rms field across the thigh, uT."""
+    return float(seed.own["sensor/across"][list(FIELDS_UT).index(site)])
 
 
-def _pictures(figure: str, seed: int) -> Iterator[Picture]:
-    """The paper's figure of each estimator that is drawn, or the one that needs none."""
-    number = int(figure.removeprefix("figure-"))
-    if figure in FIGURES:
-        for estimator in DRAWN:
-            words = f"Figure {number} as the {_WHO[estimator]} has it, seed {seed}: {FIGURES[figure]}."
-            yield Picture(file_of(figure, seed, estimator), words)
-    else:
-        yield Picture(file_of(figure, seed), f"Figure {number}, seed {seed}: {_OTHERS[figure]}.")
+OWN: Mapping[str, Callable[..., float]] = {"rest": rest_figure, "sensor": sensor_figure, "across": field_across}
 
 
-_WHO = {"filter": "filter", "online": "online graph"}
-_OTHERS = {
-    "figure-04": "cars and lamps bend the field of the equator: strength in colours, arrows the way that it points",
-    "figure-05": "Allan deviations of the fibre-optic gyroscope and of the MTw's",
-    "figure-07": "the first walk, and the cars and lamps beside it",
+# --- what is read off a run ------------------------------------------------------------------------------------------
+
+
+def reached(run: Run, _: Setting, axis: int, level: float) -> float:
+    """Minute at which a bias first is as far from zero as `level`, to the same side; infinite for never."""
+    there = np.flatnonzero(run.bias[:, axis] * np.sign(level) >= abs(level))
+    return float(run.minute[there[0]]) if len(there) else math.inf
+
+
+def for_good(run: Run, _: Setting, axis: int, level: float) -> float:
+    """As `reached`, but the minute from which on it stays so; infinite where it does not at the end."""
+    short = np.flatnonzero(run.bias[:, axis] * np.sign(level) < abs(level))
+    first = short[-1] + 1 if len(short) else 0
+    return float(run.minute[first]) if first < len(run.minute) else math.inf
+
+
+def at_end(run: Run, _: Setting, axis: int) -> float:
+    """Bias of the last minute."""
+    return float(run.bias[run.minute > run.minute[-1] - 1.0, axis].mean())
+
+
+def from_zero(run: Run, setting: Setting, axis: int) -> float:
+    """How far a bias of the last minute is from zero."""
+    return abs(at_end(run, setting, axis))
+
+
+def at_minute(run: Run, _: Setting, axis: int, minute: float) -> float:
+    """Bias at a minute."""
+    return float(np.interp(minute, run.minute, run.bias[:, axis]))
+
+
+def largest(run: Run, setting: Setting, axis: int, from_min: float = 0.0) -> float:
+    """How far a bias is from the true one at most; which way depends on the iron."""
+    return float(np.abs(run.bias - setting.bias)[run.minute >= from_min, axis].max(initial=0.0))
+
+
+def share_used(run: Run, _: Setting) -> float:
+    """Share of the seconds in which the field was used."""
+    return float(run.used.mean())
+
+
+def jump(run: Run, setting: Setting, event: float) -> float:
+    """How far the z bias goes to and fro while one passes: within 0.3 min of it."""
+    near = np.abs(run.minute - setting.passed_min[int(event)]) < 0.3
+    return float(np.ptp(run.bias[near, 2])) if near.any() else math.nan
+
+
+def yaw_at_end(run: Run, _: Setting) -> float:
+    """Yaw error, deg, without its sign."""
+    return float(abs(run.yaw_error[-1]))
+
+
+def yaw_after(run: Run, setting: Setting, legs: float) -> float:
+    """Yaw error after so many ways along the street, deg, without its sign."""
+    end = setting.ends[setting.legs < legs][-1] / 60.0
+    return float(abs(np.interp(end, run.minute, run.yaw_error)))
+
+
+def away_after(run: Run, setting: Setting, legs: float) -> float:
+    """Distance from the first place to that after so many ways along the street, m; truly none."""
+    return float(np.linalg.norm(run.path[np.flatnonzero(setting.legs < legs)[-1]]))
+
+
+def yaw_range(run: Run, _: Setting, begin: float, end: float) -> float:
+    """How far the yaw error goes to and fro between two minutes, deg."""
+    part = (run.minute >= begin) & (run.minute <= end)
+    return float(np.ptp(run.yaw_error[part])) if part.any() else math.nan
+
+
+def yaw_wander(run: Run, _: Setting, begin: float, end: float, blunt_min: float = 0.5) -> float:
+    """How far the yaw error goes up and down over how far it gets, between two minutes: 1 where it goes one way.
+
+    Means over half a minute, in which strides do not count.
+    """
+    part = (run.minute >= begin) & (run.minute <= end)
+    place = (run.minute[part] / blunt_min).astype(int)
+    at, count = np.unique(place, return_inverse=True, return_counts=True)[1:]
+    means = np.bincount(at, run.yaw_error[part]) / count
+    return ratio(float(np.abs(np.diff(means)).sum()), float(np.ptp(means))) if len(means) > 1 else math.nan
+
+
+def yaw_grown(run: Run, _: Setting, begin: float, end: float) -> float:
+    """How much farther the yaw is off from one share of the time to another, deg."""
+    at = np.interp(np.array([begin, end]) * run.minute[-1], run.minute, run.yaw_error)
+    return float(abs(at[1]) - abs(at[0]))
+
+
+def over(read: Callable[..., float], run: Run, setting: Setting, *spans: float) -> float:
+    """A figure of the first two minutes or shares over that of the next two."""
+    return ratio(read(run, setting, *spans[:2]), read(run, setting, *spans[2:]))
+
+
+def ratio(one: float, other: float) -> float:
+    """NaN where neither came, or there is nothing to divide by."""
+    if other == 0.0 or (math.isinf(one) and math.isinf(other)):
+        return math.nan
+    return one / other
+
+
+_READ = (reached, for_good, at_end, from_zero, at_minute, largest, share_used, jump)
+_READ_YAW = (yaw_at_end, yaw_after, away_after, yaw_range, yaw_wander)
+MEASURES: Mapping[str, Callable[..., float]] = {
+    **{read.__name__: read for read in (*_READ, *_READ_YAW)},
+    "yaw_range_over": partial(over, yaw_range),
+    "yaw_grown_over": partial(over, yaw_grown),
 }
+"""By the names that the table has for them."""

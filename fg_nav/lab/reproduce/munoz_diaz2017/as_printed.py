@@ -1,37 +1,20 @@
 """The filter of Munoz Diaz et al. (2017) with its equations as printed, which does not work, and shows why.
 
-What MD prints that does not work, and what must stand there (`fg_nav.pocket.filter`)
-========= ============================================ ============================================================
-MD        printed                                      read
-========= ============================================ ============================================================
-(10) (11) b = c b + n, about zero                      right for the part that wanders, but a turn-on bias of 0.1
-                                                       deg/s is no draw from it (B / sqrt(2) = 0.002) and fades with
-                                                       t_B: c = 1 (`bias_returns_to_zero`)
-(12)      roll = arctan(a_y / a_z)                     both signs: atan2, or a sensor upside down is turned by pi
-(14)      innovations of angles                        wrapped to +-pi; not said, done in both
-(15)      mu = A mu, and so -A S for S                 A^T mu: by MD (4), A rotates from the body now to the body before
-(16)      "the covariance of mu-bar"                   that of the difference: the new sample has noise too
-(1) (7)   Euler angles                                 fine until the pitch is +-90 deg, a thigh lying level when
-(14)                                                   its wearer sits
-========= ============================================ ============================================================
-
-MD (21)'s (r_c / r) in place of its square concerns the field (`fg_nav.lab.simulation`).
-
-MD's Euler angles: roll, pitch and yaw, rad, and their small errors as a rotation.
+What MD prints that does not work, and what must stand there: docs/equations.md, MD (1), (10)-(16). Its Euler
+angles are roll, pitch and yaw, rad,
 
     nav_R_body = Rz(yaw) Ry(pitch) Rx(roll)         nav East-North-Up, so yaw is that of the x axis, counter-clockwise
                                                     from east: pi / 2 - heading
     gravity at rest = g (-sin pitch, sin roll cos pitch, cos roll cos pitch)                          MD (12), (13)
 
-Errors e of the angles, estimate minus truth, turn about the axes of the three rotations,
+and errors e of the angles, estimate minus truth, turn about the axes of the three rotations,
 
     dphi = E e,    E = [nav_R_body e_x,  Rz(yaw) e_y,  e_z],    det E = cos pitch,
 
 with R_estimate = Exp(dphi) R_true. At a pitch of +-90 deg roll and yaw turn about the same axis: E has no inverse.
-
-Between the updates errors of angles propagate as the rotations that they are: the covariance is kept as that of dphi,
-and is that of e during an update. In angles gravity updates roll and pitch of MD (12), (13) by the innovations MD (14);
-the accelerometer's noise through them has the variances s^2 / (a_y^2 + a_z^2) and s^2 / |a|^2, and no covariance.
+Between the updates the covariance is that of dphi, and during an update that of e. In angles gravity updates roll and
+pitch by the innovations MD (14); the accelerometer's noise through them has the variances s^2 / (a_y^2 + a_z^2) and
+s^2 / |a|^2, and no covariance.
 """
 
 from __future__ import annotations

@@ -12,18 +12,13 @@ and axes, and a magnetometer that is off by its white error only. The MTw of the
 
 The position is that of the thigh's steps (`fg_nav.pocket.dead_reckoning`), the constant of their length calibrated by
 the whole walk.
-
-How a figure of Munoz Diaz et al. (2017) is read off a run. Biases are in deg/s, axis z along the thigh.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial, wraps
-from types import MappingProxyType
-from typing import Concatenate, ParamSpec, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -32,7 +27,10 @@ from fg_nav.errors import EstimationError
 from fg_nav.frames import compute_heading
 from fg_nav.lab.follow_pocket import follow_pocket
 from fg_nav.lab.reproduce.munoz_diaz2017 import as_printed
-from fg_nav.lab.reproduce.munoz_diaz2017.walks import BATCH, FILTER, FIRST, ONLINE, PRINTED, Case, Setting
+from fg_nav.lab.reproduce.munoz_diaz2017 import walks as simulated
+from fg_nav.lab.reproduce.munoz_diaz2017.walks import BATCH, FILTER, FIRST, PRINTED, SECOND_NOISES_UT, Case, Setting
+from fg_nav.lab.simulation import simulate
+from fg_nav.lab.store.results import Arrays
 from fg_nav.pocket import PocketParameters, PocketSmootherParameters, PocketTrack, estimate_pocket, level_start
 from fg_nav.pocket.dead_reckoning import calibrate_step_length, reckon_path
 from fg_nav.pocket.iterated_smoother import smooth_pocket
@@ -64,38 +62,23 @@ class Run:
     path: Floats
 
 
-Estimate: TypeAlias = Callable[[Recording, Case, float], PocketTrack]
-"""Of a recording, what is given of it, and the heading at the start."""
-
 GRAPHS = {True: PocketSmootherParameters(gyr_scale_sigma=1e-5, mag_left_uT=1e-3), False: PocketSmootherParameters()}
 """Parameters of the graph, by whether the sensor is emulated; a thousandth of what a real one has stands for none."""
 
-FILTERS: Mapping[str, tuple[PocketParameters, Callable[..., PocketTrack]]] = MappingProxyType(
-    {
-        PRINTED: (as_printed.PRINTED, as_printed.estimate_as_printed),
-        FILTER: (PocketParameters(), estimate_pocket),
-    }
-)
+FILTERS: Mapping[str, tuple[PocketParameters, Callable[..., PocketTrack]]] = {
+    PRINTED: (as_printed.PRINTED, as_printed.estimate_as_printed),
+    FILTER: (PocketParameters(), estimate_pocket),
+}
 
 
-def _filter(name: str, recording: Recording, case: Case, heading: float) -> PocketTrack:
-    parameters, run = FILTERS[name]
-    known = replace(parameters, field_gated=case.gated, mag_sigma_uT=case.mag_sigma_uT)
-    return run(recording, known, level_start(recording, heading))
-
-
-def _smooth(graph: Callable[..., PocketTrack], recording: Recording, case: Case, heading: float) -> PocketTrack:
-    parameters = replace(GRAPHS[case in FIRST], mag_sigma_uT=case.mag_sigma_uT)
-    return graph(recording, parameters, level_start(recording, heading))
-
-
-ESTIMATORS: Mapping[str, Estimate] = MappingProxyType(
-    {
-        **{name: partial(_filter, name) for name in FILTERS},
-        BATCH: partial(_smooth, smooth_pocket),
-        ONLINE: partial(_smooth, follow_pocket),
-    }
-)
+def estimate(name: str, recording: Recording, case: Case, heading: float) -> PocketTrack:
+    """By one estimator, from the heading at the start."""
+    start = level_start(recording, heading)
+    if name in FILTERS:
+        parameters, run = FILTERS[name]
+        return run(recording, replace(parameters, field_gated=case.gated, mag_sigma_uT=case.mag_sigma_uT), start)
+    graph = smooth_pocket if name == BATCH else follow_pocket
+    return graph(recording, replace(GRAPHS[case in FIRST], mag_sigma_uT=case.mag_sigma_uT), start)
 
 
 def run_estimators(recording: Recording, case: Case, setting: Setting) -> dict[str, Run | None]:
@@ -107,7 +90,7 @@ def run_estimators(recording: Recording, case: Case, setting: Setting) -> dict[s
     found: dict[str, Run | None] = {}
     for name in case.by:
         try:
-            track = ESTIMATORS[name](recording, case, heading)
+            track = estimate(name, recording, case, heading)
         except EstimationError:
             found[name] = None
         else:
@@ -145,129 +128,72 @@ def reckon_places(track: PocketTrack, recording: Recording, setting: Setting) ->
     return np.stack([np.interp(setting.ends, track.t[path.sample], axis) for axis in path.position.T[:2]], axis=1)
 
 
-Measure: TypeAlias = Callable[[Run, Setting], float]
-"""NaN where the walk has nothing to read it off."""
+# --- one seed --------------------------------------------------------------------------------------------------------
 
-X, Y, Z = range(3)
-
-
-P = ParamSpec("P")
+FOG_HOURS, ALLAN_HOURS = 1.0, 14.0  # As in the paper.
 
 
-def _measure(read: Callable[Concatenate[Run, Setting, P], float]) -> Callable[P, Measure]:
-    """Make a reading, whose further arguments are given once, a `Measure`."""
+@dataclass(frozen=True)
+class Seed:
+    """Both walks of a seed: what is true of them and what the estimators made of each case, None where one ended.
 
-    @wraps(read)
-    def measure(*args: P.args, **named: P.kwargs) -> Measure:
-        return lambda run, setting: read(run, setting, *args, **named)
-
-    return measure
-
-
-@_measure
-def reached(run: Run, _: Setting, axis: int, level: float) -> float:
-    """Minute at which a bias first is as far from zero as `level`, deg/s, to the same side; infinite for never."""
-    there = np.flatnonzero(run.bias[:, axis] * np.sign(level) >= abs(level))
-    return float(run.minute[there[0]]) if len(there) else math.inf
-
-
-@_measure
-def for_good(run: Run, _: Setting, axis: int, level: float) -> float:
-    """As `reached`, but the minute from which on it stays so; infinite where it does not at the end."""
-    short = np.flatnonzero(run.bias[:, axis] * np.sign(level) < abs(level))
-    first = short[-1] + 1 if len(short) else 0
-    return float(run.minute[first]) if first < len(run.minute) else math.inf
-
-
-@_measure
-def at_end(run: Run, _: Setting, axis: int) -> float:
-    """Bias of the last minute, deg/s."""
-    return float(run.bias[run.minute > run.minute[-1] - 1.0, axis].mean())
-
-
-@_measure
-def from_zero(run: Run, setting: Setting, axis: int) -> float:
-    """How far a bias of the last minute is from zero, deg/s."""
-    return abs(at_end(axis)(run, setting))
-
-
-@_measure
-def at_minute(run: Run, _: Setting, axis: int, minute: float) -> float:
-    """Bias at a minute, deg/s."""
-    return float(np.interp(minute, run.minute, run.bias[:, axis]))
-
-
-@_measure
-def largest(run: Run, setting: Setting, axis: int, from_min: float = 0.0) -> float:
-    """How far a bias is from the true one at most, deg/s; which way depends on the iron."""
-    return float(np.abs(run.bias - setting.bias)[run.minute >= from_min, axis].max(initial=0.0))
-
-
-def share_used(run: Run, _: Setting) -> float:
-    """Share of the seconds in which the field was used."""
-    return float(run.used.mean())
-
-
-@_measure
-def jump(run: Run, setting: Setting, event: int) -> float:
-    """How far the z bias goes to and fro while one passes, deg/s: within 0.3 min of it."""
-    near = np.abs(run.minute - setting.passed_min[event]) < 0.3
-    return float(np.ptp(run.bias[near, 2])) if near.any() else math.nan
-
-
-def yaw_at_end(run: Run, _: Setting) -> float:
-    """Yaw error, deg, without its sign."""
-    return float(abs(run.yaw_error[-1]))
-
-
-@_measure
-def yaw_range(run: Run, _: Setting, begin: float, end: float) -> float:
-    """How far the yaw error goes to and fro between two minutes, deg."""
-    part = (run.minute >= begin) & (run.minute <= end)
-    return float(np.ptp(run.yaw_error[part])) if part.any() else math.nan
-
-
-@_measure
-def yaw_wander(run: Run, _: Setting, begin: float, end: float, blunt_min: float = 0.5) -> float:
-    """How far the yaw error goes up and down over how far it gets, between two minutes: 1 where it goes one way.
-
-    Means over half a minute, in which strides do not count.
+    `own` has what no estimator has a hand in: `rest/` angles of an hour at rest by how, deg, `sensor/` errors as in
+    Tables 2 and 3, and `across` (`measure_sensor_errors`), `allan/` curves (`measure_allan_curves`).
     """
-    part = (run.minute >= begin) & (run.minute <= end)
-    place = (run.minute[part] / blunt_min).astype(int)
-    at, count = np.unique(place, return_inverse=True, return_counts=True)[1:]
-    means = np.bincount(at, run.yaw_error[part]) / count
-    return ratio(float(np.abs(np.diff(means)).sum()), float(np.ptp(means))) if len(means) > 1 else math.nan
+
+    settings: Mapping[str, Setting]
+    runs: Mapping[str, Mapping[str, Run | None]]
+    own: Mapping[str, Floats]
 
 
-@_measure
-def yaw_after(run: Run, setting: Setting, legs: int) -> float:
-    """Yaw error after so many ways along the street, deg, without its sign."""
-    end = setting.ends[setting.legs < legs][-1] / 60.0
-    return float(abs(np.interp(end, run.minute, run.yaw_error)))
+def measure_seed(seed: int, quick: bool) -> Arrays:
+    """Walk and estimate; arrays for `seed_of`, by names with slashes."""
+    first, second = simulate(simulated.FIRST_WALK, seed), simulated.simulate_second(seed, SECOND_NOISES_UT[0])
+    settings = {"first": simulated.read_setting(first), "second": simulated.read_setting(second)}
+    arrays: dict[str, Any] = {}
+    for walk, setting in settings.items():
+        arrays |= {f"setting/{walk}/{name}": value for name, value in vars(setting).items()}
+    # what each estimator makes of each case
+    for case in simulated.list_cases(quick):
+        if case in FIRST:
+            recording = simulated.record_first(first, case.name, seed)
+        else:
+            if case.mag_sigma_uT != simulated.noise_of(second):
+                second = simulated.simulate_second(seed, case.mag_sigma_uT)
+            recording = simulated.record_second(second, case.name, seed)
+        for name, run in run_estimators(recording, case, settings[walk_of(case)]).items():
+            columns = {} if run is None else {what: one for what, one in vars(run).items() if one is not None}
+            arrays |= {f"run/{case.name}/{name}/{what}": one for what, one in (columns or {"ended": True}).items()}
+    # what no estimator has a hand in
+    own: dict[str, Mapping[str, Any]] = {
+        "rest": simulated.measure_fog_errors(seed, FOG_HOURS),
+        "allan": simulated.measure_allan_curves(seed, ALLAN_HOURS),
+        "sensor": simulated.measure_sensor_errors(first, second),
+    }
+    arrays |= {f"own/{kind}/{name}": one for kind, some in own.items() for name, one in some.items()}
+    # single precision is far finer than any figure, and makes some megabytes of a seed
+    found = {name: np.asarray(value) for name, value in arrays.items()}
+    return {name: one.astype(np.float32) if one.dtype == np.float64 else one for name, one in found.items()}
 
 
-@_measure
-def away_after(run: Run, setting: Setting, legs: int) -> float:
-    """Distance from the first place to that after so many ways along the street, m; truly none."""
-    return float(np.linalg.norm(run.path[np.flatnonzero(setting.legs < legs)[-1]]))
+def walk_of(case: Case) -> str:
+    """Which of the two walks a case is of."""
+    return "first" if case in FIRST else "second"
 
 
-@_measure
-def yaw_grown(run: Run, _: Setting, begin: float, end: float) -> float:
-    """How much farther the yaw is off from one share of the time to another, deg."""
-    at = np.interp(np.array([begin, end]) * run.minute[-1], run.minute, run.yaw_error)
-    return float(abs(at[1]) - abs(at[0]))
+def seed_of(arrays: Arrays) -> Seed:
+    """What `measure_seed` made."""
 
+    def under(prefix: str) -> dict[str, Any]:
+        return {name.removeprefix(prefix): value for name, value in arrays.items() if name.startswith(prefix)}
 
-@_measure
-def over(run: Run, setting: Setting, one: Measure, other: Measure) -> float:
-    """One figure over another of the same run."""
-    return ratio(one(run, setting), other(run, setting))
-
-
-def ratio(one: float, other: float) -> float:
-    """NaN where neither came, or there is nothing to divide by."""
-    if other == 0.0 or (math.isinf(one) and math.isinf(other)):
-        return math.nan
-    return one / other
+    walks = {walk: Setting(**under(f"setting/{walk}/")) for walk in ("first", "second")}
+    settings: dict[str, Setting] = {}
+    runs: dict[str, dict[str, Run | None]] = {}
+    for case in simulated.list_cases(quick=False):
+        for name in case.by:
+            if columns := under(f"run/{case.name}/{name}/"):
+                run = None if "ended" in columns else Run(**{"strength": None, **columns})
+                runs.setdefault(case.name, {})[name] = run
+                settings[case.name] = walks[walk_of(case)]
+    return Seed(settings, runs, under("own/"))

@@ -1,38 +1,29 @@
-"""The two walks of Munoz Diaz et al. (2017), as simulated here, and the fields they are walked in.
+"""The two walks of Munoz Diaz et al. (2017), as simulated here, the fields they are walked in, and gyroscopes at rest.
 
 =========== ========================================================================================================
 first walk  `pocket-past-cars`: 3 km in 39 min, rates with the errors of Table 2, and fields computed for the same
-            motion (`fg_nav.lab.reproduce.munoz_diaz2017.walks`): none, those of Table 1, and that of cars and lamps
+            motion (`replace_field`): none, those of Table 1, and that of cars and lamps
 second walk `pocket-long` in 6 round trips: 4.3 km in 44 min with an MTw, whose biases go from one end of Table 3 to the
             other; its iron is drawn, and calibrated by an ellipsoid from 400 readings, turned about all ways
 =========== ========================================================================================================
 
-Before them what the paper prints (MD Tables 1 to 3), after them its gyroscopes at rest (Section 2.2, Figure 5). Fields
-are in East-North-Up. Sensor axes: z along the thigh, up when standing; x and y are level then. Not printed and so ours:
-where cars and lamps stand, and the iron.
-
-Other fields for a walk that was simulated already, as Munoz Diaz et al. (2017) emulate them (Figure 3).
-
-They record a walk once with a fibre-optic gyroscope and compute what a magnetometer would have read along it,
+Fields are in East-North-Up. Sensor axes: z along the thigh, up when standing; x and y are level then. The paper records
+a walk once with a fibre-optic gyroscope and computes what a magnetometer would have read along it,
 
     mu = C^T H + v_mu                                                               MD (18)
 
-C being the attitude and H the field in nav at the place. So the field is all that differs between experiments: rates
-and specific forces are the same to the last bit. Here attitude and place are the truth's.
-
-A street's field jumps where one cylinder's cell ends and the next begins (`fg_nav.lab.simulation.fields.field`). The
-paper takes no difference across such a border (2.2); here there is no field for a while after it, longer than the
-filter's longest difference (`fg_nav.pocket.filter`).
+C being the attitude and H the field in nav at the place. So the field is all that differs between experiments. Here
+attitude and place are the truth's. A street's field jumps where one cylinder's cell ends and the next begins; the paper
+takes no difference across such a border (2.2), and here there is no field for a while after it, longer than the
+filter's longest difference (`fg_nav.pocket.filter`). Not printed and so ours: where cars and lamps stand, and the iron.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from types import MappingProxyType
-from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -41,11 +32,11 @@ from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.calibration.ellipsoid import fit_ellipsoid
 from fg_nav.errors import SimulationError
 from fg_nav.frames import yaw_rotation
-from fg_nav.lab.allan import AllanCurve, compute_allan_curve
-from fg_nav.lab.simulation import SCENARIOS, Choices, Scenario, SimulatedWalk, routes, simulate
+from fg_nav.lab.allan import compute_allan_curve
+from fg_nav.lab.simulation import SCENARIOS, Choices, SimulatedWalk, routes, simulate
 from fg_nav.lab.simulation.fields import AS_PRINTED, Cylinders, Field, Homogeneous, Sum
 from fg_nav.lab.simulation.motion import Style
-from fg_nav.lab.simulation.plan import Section, Stand, Walk
+from fg_nav.lab.simulation.plan import Stand
 from fg_nav.lab.simulation.sensors import ClockPrior, preset
 from fg_nav.pocket import PocketParameters, estimate_pocket, level_start
 from fg_nav.pocket.filter import compute_earth_rate
@@ -102,42 +93,15 @@ def _streets(field: Field) -> list[Cylinders]:
 
 _DIP = np.radians(64.0)
 
-FIELDS_UT: Mapping[str, tuple[float, float, float]] = MappingProxyType(
-    {
-        "north-pole": (0.0, 0.0, -65.0),
-        "equator": (0.0, 25.0, 0.0),
-        "munich": (0.0, 48.0 * float(np.cos(_DIP)), -48.0 * float(np.sin(_DIP))),
-    }
-)
+FIELDS_UT: Mapping[str, tuple[float, float, float]] = {
+    "north-pole": (0.0, 0.0, -65.0),
+    "equator": (0.0, 25.0, 0.0),
+    "munich": (0.0, 48.0 * float(np.cos(_DIP)), -48.0 * float(np.sin(_DIP))),
+}
 """Homogeneous fields in nav, uT (MD Table 1)."""
 
+MAG_NOISE_UT = 0.015  # White error of a sample of the emulated magnetometer (MD Table 2).
 
-class Published(NamedTuple):
-    """The figures of the paper; what is not here is not printed."""
-
-    gyr_noise_deg_s: float = 0.1
-    """White error of a rate sample, deg/s (MD Table 2); at which sampling rate is not said."""
-    gyro_bias_deg_s: tuple[float, float, float] = (-0.1, 0.1, -0.1)
-    """Added to the error-free rates, deg/s (MD Table 2)."""
-    mag_noise_uT: float = 0.015
-    """White error of a magnetometer sample, uT (MD Table 2)."""
-    mtw_bias_start_deg_s: tuple[float, float, float] = (-0.12, 0.06, -0.12)
-    """Of the MTw before the second walk, deg/s (MD Table 3)."""
-    mtw_bias_end_deg_s: tuple[float, float, float] = (-0.13, 0.05, -0.22)
-    """The same after it, deg/s (MD Table 3)."""
-    minutes_north_pole: float = 29.0
-    """When the z bias is there, by the field, min (3.1.2, Figure 9)."""
-    minutes_equator: float = 10.0
-    """The same."""
-    minutes_munich: float = 15.0
-    """The same."""
-    minutes_perturbed: float = 32.0
-    """The same in the perturbed field with the detector: "approached" (3.1.3, Figure 10c)."""
-    minutes_walked: float = 39.0
-    """Length of the first walk (3.1)."""
-
-
-PUBLISHED = Published()  # The paper.
 PRINTED, FILTER, BATCH, ONLINE = "as printed", "filter", "batch", "online"  # Who estimates: `runs`.
 
 ALL = (PRINTED, FILTER, BATCH, ONLINE)
@@ -154,7 +118,7 @@ class Case:
     name: str
     by: tuple[str, ...] = ALL
     gated: bool = False
-    mag_sigma_uT: float = PUBLISHED.mag_noise_uT
+    mag_sigma_uT: float = MAG_NOISE_UT
 
 
 FIRST = (
@@ -191,43 +155,31 @@ class Setting:
 
     Attributes
     ----------
-    starts, ends : (K,) s, of the strides that go somewhere.
+    ends : (K,) s, of the strides that go somewhere.
     legs : (K,) which time along the street each belongs to, from 0 on.
     length_m : of all of them together.
     path : (K, 2) m, where the foot came down after each, from where it stood first.
     passed_min : when one passes the cars and lamps that stand close, min.
     bias : (M, 3) deg/s, true, as the rows of `Run`.
-    street : cars and lamps; None where there are none.
     """
 
-    starts: Floats
     ends: Floats
     legs: Ints
     length_m: float
     path: Floats
     passed_min: Floats
     bias: Floats
-    street: Cylinders | None = None
 
 
-def _scenario(name: str, leg_m: float | None) -> Scenario:
-    whole = SCENARIOS[name]
-    if name == "pocket-long":
-        whole = replace(whole, route=partial(routes.pocket_long, trips=6))
-    return whole if leg_m is None else replace(whole, route=lambda rng: shorten(whole.route(rng), leg_m))
+FIRST_WALK = SCENARIOS["pocket-past-cars"]
+SECOND_WALK = replace(SCENARIOS["pocket-long"], route=partial(routes.pocket_long, trips=6), aligned=True)
 
 
-def simulate_first(seed: int, leg_m: float | None = None) -> SimulatedWalk:
-    """The walk past cars; with legs of a few metres, for a test, if `leg_m` is given."""
-    return simulate(_scenario("pocket-past-cars", leg_m), seed)
-
-
-def simulate_second(seed: int, noise_sd_uT: float, leg_m: float | None = None) -> SimulatedWalk:
+def simulate_second(seed: int, noise_sd_uT: float) -> SimulatedWalk:
     """The walk with the MTw; but for the magnetometer's noise the same for all of them."""
     prior = preset("munoz-diaz-table-3")
     assert prior.mag is not None
-    sensor = replace(prior, mag=replace(prior.mag, noise_sd_uT=noise_sd_uT))
-    return simulate(replace(_scenario("pocket-long", leg_m), sensor=sensor, aligned=True), seed)
+    return simulate(replace(SECOND_WALK, sensor=replace(prior, mag=replace(prior.mag, noise_sd_uT=noise_sd_uT))), seed)
 
 
 def noise_of(walk: SimulatedWalk) -> float:
@@ -237,44 +189,20 @@ def noise_of(walk: SimulatedWalk) -> float:
     return mag.noise_sd_uT
 
 
-def shorten(sections: Sequence[Section], leg_m: float) -> list[Section]:
-    """The first metres of each way out, and the last ones of each way back."""
-    short: list[Section] = []
-    out = True
-    for section in sections:
-        if isinstance(section, Walk):
-            end = section.path.length_m
-            path = section.path.part(0.0, leg_m) if out else section.path.part(end - leg_m, end)
-            short.append(replace(section, path=path))
-            out = not out
-        else:
-            short.append(section)
-    return short
+def record_first(walk: SimulatedWalk, case: str, seed: int) -> Recording:
+    """The first walk in the field of a case, with the same noise in all of them.
 
-
-def field_of(walk: SimulatedWalk, case: str) -> Field | None:
-    """The field of one case of the first walk; turning the walk to the north turns the field to the east instead."""
-    if case == "gravity":
-        return None
-    if not case.startswith("cars"):
+    Turning the walk to the north turns the field to the east instead.
+    """
+    field: Field | None = None
+    if case.startswith("cars"):
+        [street] = _streets(walk.field)
+        field = replace(street, exponent=AS_PRINTED) if "printed" in case else street
+    elif case != "gravity":
         site, _, turned = case.partition(", ")
         east, north, up = (float(part) for part in yaw_rotation(-np.pi / 2 if turned else 0.0) @ FIELDS_UT[site])
-        return Homogeneous((east, north, up))
-    street = street_of(walk)
-    assert street is not None
-    return replace(street, exponent=AS_PRINTED) if "printed" in case else street
-
-
-def record_first(walk: SimulatedWalk, case: str, seed: int) -> Recording:
-    """The first walk in the field of a case; with the same noise in all of them."""
-    rng = np.random.default_rng([seed, 1])
-    return replace_field(walk, field_of(walk, case), PUBLISHED.mag_noise_uT, rng)
-
-
-def street_of(walk: SimulatedWalk) -> Cylinders | None:
-    """Cars and lamps along a walk."""
-    parts = walk.field.parts if isinstance(walk.field, Sum) else [walk.field]
-    return next((part for part in parts if isinstance(part, Cylinders)), None)
+        field = Homogeneous((east, north, up))
+    return replace_field(walk, field, MAG_NOISE_UT, np.random.default_rng([seed, 1]))
 
 
 def record_second(walk: SimulatedWalk, case: str, seed: int) -> Recording:
@@ -304,37 +232,24 @@ def read_setting(walk: SimulatedWalk) -> Setting:
     legs = np.concatenate([[0], np.cumsum((np.diff(walking.astype(int)) == 1).astype(int))])[walking]
     footprint = strides.footprint[1:][walking]
     where = footprint[:, 0] - strides.footprint[0, 0]
-    passed = [_minute(strides.start[walking], where, legs == leg, place) for leg, (place, _) in routes.CLOSE_TO.items()]
+    passed = []
+    for leg, (place, _) in routes.CLOSE_TO.items():
+        on_leg = legs == leg
+        nearest = np.argmin(np.abs(where[on_leg] - place)) if on_leg.any() else 0
+        passed.append(strides.start[walking][on_leg][nearest] / 60.0 if on_leg.any() else math.nan)
     length = np.linalg.norm(np.diff(strides.footprint[:, :2], axis=0), axis=1)[walking]
     true_bias = np.degrees([np.interp(walk.recording.t[::100], walk.biases.t, axis) for axis in walk.biases.gyr.T]).T
     return Setting(
-        starts=strides.start[walking],
         ends=(strides.start + strides.duration)[walking],
         legs=legs,
         length_m=float(length.sum()),
         path=footprint[:, :2] - strides.footprint[0, :2],
         passed_min=np.array(passed),
         bias=true_bias,
-        street=street_of(walk),
     )
 
 
-def _minute(start: Floats, where: Floats, on_leg: Floats, place: float) -> float:
-    """When a leg comes by a place, min."""
-    if not on_leg.any():
-        return math.nan
-    return float(start[on_leg][np.argmin(np.abs(where[on_leg] - place))] / 60.0)
-
-
 LATITUDE_DEG = 48.0
-
-
-@dataclass(frozen=True)
-class AllanPair:
-    """Allan deviations of the fibre-optic and of the MEMS gyroscopes, deg/s, an axis each."""
-
-    fog: Sequence[AllanCurve]
-    mems: Sequence[AllanCurve]
 
 
 def measure_fog_errors(seed: int, hours: float) -> dict[str, float]:
@@ -356,30 +271,30 @@ def measure_fog_errors(seed: int, hours: float) -> dict[str, float]:
     return found
 
 
-def measure_allan_pair(seed: int, hours: float) -> AllanPair:
-    """Allan deviations of both gyroscopes at rest, deg/s (Figure 5)."""
+def measure_allan_curves(seed: int, hours: float) -> dict[str, Floats]:
+    """Allan deviations (3, T) deg/s of the fibre-optic and the MEMS gyroscope at rest, at `tau_s` (T,) s (Figure 5)."""
     scenario = replace(SCENARIOS["at-rest"], route=lambda rng: [Stand(3600.0 * hours)])
-    curves = {}
-    for sensor in ("kvh-1750", "xsens-mtw"):
+    found: dict[str, Floats] = {}
+    for name, sensor in (("fog", "kvh-1750"), ("mems", "xsens-mtw")):
         prior = replace(preset(sensor), rate_hz=10.0, clock=ClockPrior())  # no sample lost
         recording = simulate(replace(scenario, sensor=prior), seed).recording
-        curves[sensor] = [compute_allan_curve(np.degrees(axis), recording.period_s) for axis in recording.gyr.T]
-    return AllanPair(curves["kvh-1750"], curves["xsens-mtw"])
+        curves = [compute_allan_curve(np.degrees(axis), recording.period_s) for axis in recording.gyr.T]
+        found |= {name: np.array([curve.deviation for curve in curves]), "tau_s": curves[0].tau_s}
+    return found
 
 
 def measure_sensor_errors(first: SimulatedWalk, second: SimulatedWalk) -> dict[str, Floats]:
-    """Tables 2 and 3 as measured on the recordings, deg/s: against the truth, and standing at both ends."""
+    """Tables 2 and 3 as measured on the recordings, deg/s: against the truth, and standing at both ends.
+
+    `across` (S,) uT is the rms field across the thigh at each of the sites: what shows the bias along it.
+    """
     truth, h = first.recording.truth, first.recording.period_s
     assert isinstance(truth, TrajectoryTruth)
     assert truth.nav_R_body is not None
     R = Rotation.from_matrix(truth.nav_R_body)
     wrong = np.degrees(first.recording.gyr[:-1] - (R[:-1].inv() * R[1:]).as_rotvec() / h)
     start, end = (np.degrees(part.mean(axis=0)) for part in (second.recording.gyr[:900], second.recording.gyr[-900:]))
-    across = measure_field_across(truth.nav_R_body)
-    return {"noise": wrong.std(axis=0), "bias": wrong.mean(axis=0), "start": start, "end": end, "across": across}
-
-
-def measure_field_across(nav_R_body: Floats) -> Floats:
-    """Rms field (S,) uT across the thigh at each of the sites: what shows the bias along it."""
-    along = nav_R_body[:, :, 2]
-    return np.array([math.sqrt(np.mean(np.dot(field, field) - (along @ field) ** 2)) for field in FIELDS_UT.values()])
+    along = truth.nav_R_body[:, :, 2]
+    across = [math.sqrt(np.mean(np.dot(field, field) - (along @ field) ** 2)) for field in FIELDS_UT.values()]
+    found = {"noise": wrong.std(axis=0), "bias": wrong.mean(axis=0), "start": start, "end": end}
+    return found | {"across": np.array(across)}

@@ -1,0 +1,165 @@
+"""Measurements in files beside a recording: fixes of a receiver, known positions, and the pressure of the air."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pymap3d import enu2geodetic
+
+from fg_nav.columns.mapping import find_pressure
+from fg_nav.errors import FormatError
+from fg_nav.io import read_fixes, read_gnss, read_raw, write_canonical
+from tests.io.samples import tilting
+from tests.real_data import DATA, needs_data
+
+PHYPHOX = '"Time (s)","Latitude (°)","Longitude (°)","Height (m)","Velocity (m/s)","Horizontal Accuracy (m)"\n'
+ROWS = [(0.5, 48.1, 11.5, 9.0), (1.5, 48.1001, 11.5, 4.0), (2.5, 48.1002, 11.5001, 4.0), (3.5, 48.1003, 11.5, 4.0)]
+NORTH_M = 11.12  # of 1e-4 deg
+
+
+def write_phyphox(folder, name="Location.csv", separator=",", decimal="."):
+    lines = [PHYPHOX.replace(",", separator).strip()]
+    for t, latitude, longitude, accuracy in ROWS:
+        numbers = [f"{x:.9E}".replace(".", decimal) for x in (t, latitude, longitude, 500.0, 1.2, accuracy)]
+        lines.append(separator.join(numbers))
+    (folder / name).write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+@pytest.mark.parametrize(("separator", "decimal"), [(",", "."), (";", ","), ("\t", ",")])
+def test_phyphox(tmp_path, separator, decimal):
+    write_phyphox(tmp_path, separator=separator, decimal=decimal)
+    gnss = read_gnss(tmp_path)
+    assert [fix.time_s for fix in gnss.fixes] == [0.5, 1.5, 2.5, 3.5]
+    assert (gnss.latitude_deg, gnss.longitude_deg) == pytest.approx((48.1001, 11.5))  # the first good one
+    north = [fix.position[1] for fix in gnss.fixes]
+    np.testing.assert_allclose(north, [-NORTH_M, 0.0, NORTH_M, 2 * NORTH_M], atol=0.02)
+    assert gnss.fixes[2].position[0] == pytest.approx(7.44, abs=0.02)
+    assert [fix.horizontal_sigma_m for fix in gnss.fixes] == [9.0, 4.0, 4.0, 4.0]
+    assert np.isinf(gnss.fixes[0].vertical_sigma_m)
+    east, north = gnss.fixes[3].position[:2]
+    found = enu2geodetic(east, north, 0.0, gnss.latitude_deg, gnss.longitude_deg, 0.0)
+    assert found[:2] == pytest.approx((48.1003, 11.5))
+
+
+def test_a_pause_of_phyphox_goes_by(tmp_path):
+    write_phyphox(tmp_path)
+    (tmp_path / "meta").mkdir()
+    rows = ["event,experiment time,system time", "START,0,100", "PAUSE,2,102", "START,2,110", "PAUSE,4,112"]
+    (tmp_path / "meta" / "time.csv").write_text("\n".join(rows) + "\n")
+    assert [fix.time_s for fix in read_gnss(tmp_path).fixes] == [0.5, 1.5, 10.5, 11.5]
+
+
+def test_sensor_logger_counts_from_its_first_sample(tmp_path):
+    header = "time,seconds_elapsed,bearingAccuracy,verticalAccuracy,horizontalAccuracy,latitude,longitude"
+    rows = [f"{k},{t},1,1,{a},{lat},{lon}" for k, (t, lat, lon, a) in enumerate(ROWS)]
+    (tmp_path / "Location.csv").write_text("\n".join([header, *rows, "9,9.0,1,1,-1,48.0,11.5"]) + "\n")
+    (tmp_path / "Gyroscope.csv").write_text("time,seconds_elapsed,z,y,x\n10,0.25,0,0,0\n20,0.26,0,0,0\n")
+    found = read_gnss(tmp_path)
+    assert [fix.time_s for fix in found.fixes] == [0.25, 1.25, 2.25, 3.25]  # the last has no accuracy
+
+
+def test_a_table_of_ones_own(tmp_path):
+    table = tmp_path / "fixes.csv"
+    table.write_text("time_s,lat_deg,lon_deg,hacc_m\n1,48.1,11.5,3\n2,,,\n3,48.1001,11.5,3\n")
+    assert [fix.time_s for fix in read_gnss(table).fixes] == [1.0, 3.0]
+
+
+def test_what_holds_no_fixes_is_refused_in_a_sentence(tmp_path):
+    table = tmp_path / "fixes.csv"
+    for text, problem in (
+        ("time_s,latitude,longitude\n1,48,11\n", "no column of accuracy"),
+        ("t,x_m,y_m\n1,2,3\n", "no column of time, latitude, longitude, accuracy"),
+        ("t,lat,lon,accuracy\n1,48,11,0\n", "no fix with an accuracy above zero"),
+    ):
+        table.write_text(text)
+        with pytest.raises(FormatError, match=problem):
+            read_gnss(table)
+    with pytest.raises(FormatError, match=r"no Location\.csv"):
+        read_gnss(tmp_path)
+
+
+@needs_data
+def test_real_phones():
+    for path in sorted((DATA / "pocket_gnss").glob("*.zip")):
+        gnss = read_gnss(path)
+        assert len(gnss.fixes) > 200
+        assert np.abs([fix.position[:2] for fix in gnss.fixes]).max() < 1000.0
+    own = next((DATA / "mtig710").glob("*.gnss.csv.gz"))
+    assert len(read_gnss(own).fixes) > 50
+
+
+HEADER = "time_s,x_m,y_m,z_m,sigma_m"
+
+
+def written(folder, *lines):
+    path = folder / "fixes.csv"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_fixes_are_read_by_name_and_an_empty_height_is_not_known(tmp_path):
+    flat, full = read_fixes(written(tmp_path, HEADER, "12.5,3,-4,,0.2", "20,1,2,3.5,1"))
+    assert (flat.time_s, flat.horizontal_sigma_m, flat.vertical_sigma_m) == (12.5, 0.2, np.inf)
+    np.testing.assert_array_equal(flat.position, [3.0, -4.0, 0.0])
+    assert (full.time_s, full.horizontal_sigma_m, full.vertical_sigma_m) == (20.0, 1.0, 1.0)
+    np.testing.assert_array_equal(full.position, [1.0, 2.0, 3.5])
+    (fix,) = read_fixes(written(tmp_path, "sigma_m,point,z_m,y_m,x_m,time_s", "0.1,A,7,6,5,4"))
+    assert (fix.time_s, *fix.position, fix.horizontal_sigma_m) == (4.0, 5.0, 6.0, 7.0, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("lines", "words"),
+    [
+        (["time_s,x_m,y_m,sigma_m", "1,2,3,4"], "no column 'z_m'"),
+        ([HEADER], "no samples"),
+        ([HEADER, "1,2,3,4,0.1", "2,three,3,,1"], "line 3, column 'x_m'"),
+        ([HEADER, "1,2,3,4,0.1", "2,,3,,1"], "line 3 lacks a number"),
+        ([HEADER, "1,2,3,inf,0.1"], "line 2 lacks a number"),
+        ([HEADER, "1,2,3,,"], "line 2 lacks a number"),
+        ([HEADER, "1,2,3,,1", "", "1,2,3,,0"], "line 4 has no sigma above zero"),
+    ],
+)
+def test_what_is_no_fix_is_refused(tmp_path, lines, words):
+    with pytest.raises(FormatError, match=words):
+        read_fixes(written(tmp_path, *lines))
+
+
+RAW = tilting(np.random.default_rng(4))
+
+AIR = replace(RAW, pressure=np.where(np.arange(len(RAW.t)) % 4 == 0, 101_300.0 + np.arange(len(RAW.t)), np.nan))
+
+
+@pytest.mark.parametrize(("name", "factor"), [("pressure_pa", 1.0), ("pressure_hpa", 0.01), ("baro", 0.01)])
+def test_a_column_is_read_in_its_unit_or_by_its_size(name, factor, tmp_path):
+    write_canonical(replace(AIR, pressure=factor * AIR.pressure), tmp_path / "walk.csv")
+    text = (tmp_path / "walk.csv").read_text().replace("pressure_pa", name, 1)
+    (tmp_path / "walk.csv").write_text(text)
+    np.testing.assert_allclose(read_raw(tmp_path / "walk.csv").pressure, AIR.pressure, rtol=1e-12)
+
+
+def test_other_columns_are_no_pressure_of_air():
+    assert find_pressure(["time_s", "relativeAltitude", "sea level pressure", "heel_pressure", "temperature"]) is None
+
+
+@pytest.mark.parametrize("stamps", ["time_s", "time_ms", "time"])
+def test_a_file_beside_is_put_on_the_clock_of_the_recording(stamps, tmp_path):
+    write_canonical(RAW, tmp_path / "walk.csv")
+    rows = np.flatnonzero(np.isfinite(AIR.pressure))
+    unit = 1e3 if stamps == "time_ms" else 1.0
+    lines = [f"{unit * (RAW.t[k] + 1e-3):.9f},{0.01 * AIR.pressure[k]:.9f}" for k in rows]
+    (tmp_path / "baro.csv").write_text("\n".join([f"{stamps},pressure_hpa", *lines]) + "\n")
+    found = read_raw(tmp_path / "walk.csv", barometer=tmp_path / "baro.csv").pressure
+    np.testing.assert_allclose(found, AIR.pressure, rtol=1e-12)
+
+
+def test_a_file_that_is_of_no_use_is_refused(tmp_path):
+    write_canonical(RAW, tmp_path / "walk.csv")
+    for text, words in (
+        ("time_s,x\n0,1\n", "names no pressure"),
+        ("x,pressure_pa\n0,101325\n", "has no time"),
+        ("time_s,pressure_pa\n0,-5\n1,-5\n", "no pressure of air"),
+        ("time_s,pressure_pa\n9000,101325\n9001,101325\n", "on its clock"),
+    ):
+        (tmp_path / "baro.csv").write_text(text)
+        with pytest.raises(FormatError, match=words):
+            read_raw(tmp_path / "walk.csv", barometer=tmp_path / "baro.csv")
