@@ -114,6 +114,17 @@ def test_imports_run_one_way():
     TopologicalSorter(graph).prepare()
 
 
+def test_modules_of_the_smoother_import_one_way():
+    """Nor is there a circle between its modules, imports for types alone counted too."""
+    graph = {}
+    for path in LIBRARY:
+        name = module_name(path)
+        if name.startswith("fg_nav.smoother."):
+            imports = (node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.ImportFrom))
+            graph[name] = {node.module for node in imports if node.module.startswith("fg_nav.smoother.")}
+    TopologicalSorter(graph).prepare()
+
+
 def loaded_by(statement):
     """Modules in memory after a statement, in an interpreter of its own."""
     code = f"import sys; {statement}; print(*sorted(sys.modules))"
@@ -170,6 +181,26 @@ def test_a_walk_on_a_foot_needs_neither_pocket_nor_laboratory_nor_what_is_slow_t
     # A walk with a magnetometer is calibrated by itself, which looks up who came by a place again in a tree.
     assert not loaded & SLOW - {"scipy.spatial", "scipy.sparse"}
     assert not [name for name in loaded if name.startswith(("fg_nav.pocket", "fg_nav.lab"))]
+
+
+def list_names(tree):
+    """Names that the body of a module assigns or defines, as often as it does."""
+    names = []
+    for node in tree.body:
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
+            names.append(node.name)
+        elif isinstance(node, (ast.Assign, ast.AnnAssign)):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            parts = [part for target in targets for part in ast.walk(target) if isinstance(part, ast.Name)]
+            names += [part.id for part in parts if isinstance(part.ctx, ast.Store)]
+    return names
+
+
+def test_no_module_assigns_a_name_twice():
+    """Where two chapters are merged one constant could replace another, which ruff does not see."""
+    for path in LIBRARY:
+        names = list_names(ast.parse(path.read_text()))
+        assert not {name for name in names if names.count(name) > 1}, path.name
 
 
 def our_files():

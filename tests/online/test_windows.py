@@ -7,16 +7,19 @@ import subprocess
 import sys
 import time
 from concurrent.futures import Future
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from fg_nav.online import buffer as online_buffer
 from fg_nav.online import resolve, smoother, strides
-from fg_nav.online.buffer import OnlineOptions, Pace, SampleBuffer, rows_of
+from fg_nav.online.buffer import LEAD_S, UNSEEN, OnlineOptions, Pace, PartialWalk, SampleBuffer, rows_of
 from fg_nav.online.resolve import Solver, SolverProcess, Task, WalkSolver
-from fg_nav.online.smoother import OnlineSmoother
+from fg_nav.online.smoother import OnlineSmoother, window_anchors
+from fg_nav.online.window import Window
 from tests.online.test_online_smoother import (
     FOOTFALLS,
     add,
@@ -63,10 +66,17 @@ def test_it_stays_where_the_whole_is(solved_as_a_whole: dict[bool, OnlineSmoothe
     assert (apart <= table.position_sigma).all()
     assert apart[:, :2].max() < (0.7 if with_field else 0.02)
     assert 0.9 < table.heading_sigma[-1] / other.heading_sigma[-1] < 4.0
-    lagged = in_windows(with_field, 12.0)
-    assert lagged.initial.first > 0
-    assert farthest(lagged.smoothed(), table) < 0.10
-    np.testing.assert_allclose(lagged.smoothed().heading_sigma[-1], table.heading_sigma[-1], rtol=0.1)
+
+
+@pytest.mark.usefixtures("windows")
+@pytest.mark.parametrize("with_field", [False, True])
+def test_with_a_lag_it_stays_where_it_is_without(with_field: bool) -> None:
+    online, expected = in_windows(with_field, 12.0), in_windows(with_field)
+    assert online.initial.first > 0
+    table, other = online.smoothed(), expected.smoothed()
+    np.testing.assert_array_equal(table.sample, other.sample)
+    assert farthest(table, other) < 0.10
+    np.testing.assert_allclose(table.heading_sigma[-1], other.heading_sigma[-1], rtol=0.1)
 
 
 class InPieces:
@@ -155,10 +165,50 @@ def test_a_walk_goes_on_without_a_solution_that_is_late(monkeypatch: pytest.Monk
     np.testing.assert_allclose(online.latest.position, online.smoothed().position[-1], atol=1e-3)
 
 
+def test_what_came_after_a_solution_that_was_late_is_not_lost() -> None:
+    """It is asked for in two parts, of a solver that has not begun, and of one that has answered the first."""
+    walk = demo()
+    told = fed(walk, footfalls=20).footfalls
+    buffer, found = SampleBuffer(), []
+    buffer.append(rows_of(walk.recording))
+    for waits in (False, True):
+        here = WalkSolver(OnlineOptions(), buffer)
+        solver = Solver(here)
+        solver.begin(Task(None, tuple(told[:14]), UNSEEN, since=0))
+        assert here.run(()) is None  # the line at which it begins does not wait for it
+        solver.request(told[14:17])
+        if waits:
+            solver.take()
+        solver.request(told[17:])
+        anchor = solver.take()
+        assert [one.line for one in anchor.footfalls] == list(range(20))
+        found.append(Window(anchor, PartialWalk(buffer, footfalls=told)).latest)
+    np.testing.assert_array_equal(found[0].position, found[1].position)
+
+
+def test_what_is_kept_before_a_window_is_all_that_its_strides_look_at() -> None:
+    """Else a process that discarded the rest would say something else than one that has it."""
+    assert resolve.CONTEXT_S >= strides.CONTEXT_S + LEAD_S
+
+
+@pytest.mark.usefixtures("windows")
+def test_anchor_states_behind_footfalls_that_were_taken_back_are_left_out() -> None:
+    """Also where there are fewer footfalls now than such a handover had."""
+    online = fed(demo(), footfalls=30)
+    newest, starts = online.initial, list(online.anchors)
+    del online.footfalls[starts[-1].stance.number :]
+    earlier = replace(newest, stance=starts[-2].stance)
+    kept = window_anchors(starts, earlier, online.footfalls, None, smoother.WINDOW)
+    assert [one.stance for one in kept] == [one.stance for one in [*starts[:-1], earlier]]
+
+
 def test_a_process_beside_says_the_same_and_is_replaced_where_it_dies(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """It is killed once it has answered; the walk goes on to the bit, with one remark."""
+    """It is killed once it has answered; the walk goes on to the bit, with one remark.
+
+    Modules in the folder that the user is in are none of its own.
+    """
     monkeypatch.setattr(smoother, "FAST", 0.0)  # solutions are waited for, however slow the machine
     (tmp_path / "numpy.py").write_text("raise ImportError\n")
     monkeypatch.chdir(tmp_path)
@@ -185,6 +235,63 @@ def test_a_process_beside_says_the_same_and_is_replaced_where_it_dies(
     np.testing.assert_array_equal(here.causal().position, there.causal().position)
     np.testing.assert_array_equal(here.causal().pose_cov, there.causal().pose_cov)
     np.testing.assert_array_equal(here.smoothed().position, there.smoothed().position)
+
+
+def test_a_process_beside_that_was_stopped_is_not_waited_for_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(resolve, "MAX_S", 0.1)
+    remarks: list[str] = []
+    process = SolverProcess({None: OnlineOptions()})
+    here = WalkSolver(OnlineOptions(), SampleBuffer())
+    solver = Solver(here, process, remarks.append)
+    try:
+        solver.start()
+        os.kill(process.pid, signal.SIGSTOP)
+        monkeypatch.setattr(here, "run", lambda work: None)
+        solver.request(())
+        assert not solver.is_ready()
+        assert [solver.take(), solver.take()] == [None, None]
+        assert solver.is_here
+    finally:
+        solver.close()
+    assert remarks == [
+        "the process that solves the walk again has not answered for 0 s: this one does its work from here on."
+    ]
+
+
+def test_a_task_that_failed_beside_is_solved_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where what was requested after it has no answer and did not fail."""
+    walk, remarks = demo(), []
+    told, buffer = fed(walk, footfalls=20).footfalls, SampleBuffer()
+    buffer.append(rows_of(walk.recording))
+    process = InPieces(OnlineOptions(), monkeypatch)
+    submit = process.submit
+
+    def failing(side: object, first: int, rows: object, work: object) -> Future[object]:
+        if not isinstance(work, Task):
+            return submit(side, first, rows, work)
+        future: Future[object] = Future()
+        future.set_exception(MemoryError())
+        return future
+
+    monkeypatch.setattr(process, "submit", failing)
+    solver = Solver(WalkSolver(OnlineOptions(), buffer), process, remarks.append)
+    solver.begin(Task(None, tuple(told[:14]), UNSEEN, since=0))
+    solver.request(told[14:])
+    anchor = solver.take()
+    assert [one.line for one in anchor.footfalls] == list(range(20))
+    assert solver.is_here
+    assert ["has failed (MemoryError)" in words for words in remarks] == [True]
+
+
+def test_what_the_machine_takes_is_no_waiting_for_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else a recording on a slow machine would be taken for a walk in progress, whose solutions are not waited for."""
+    clock = iter([0.0, 1.0, 5.0, 6.0, 9.0])
+    monkeypatch.setattr(online_buffer.time, "monotonic", lambda: next(clock))
+    pace = Pace()
+    for _ in range(2):
+        with pace:
+            pass
+    assert pace.idle_s == 2.0
 
 
 LEFT_RUNNING = """
@@ -215,3 +322,20 @@ def test_no_process_is_left(tmp_path: Path, who: str, how: str) -> None:
         time.sleep(0.05)
     os.kill(pid, signal.SIGKILL)
     pytest.fail("it is still there")
+
+
+@pytest.mark.usefixtures("windows")
+def test_a_footfall_that_had_no_solution_has_one_in_hindsight(monkeypatch: pytest.MonkeyPatch) -> None:
+    usual, update, failed = in_windows(), Window._update, []
+
+    def failing(window: Window, *given: object) -> None:
+        if window._stances[-1].number == 22 and not failed:
+            failed.append(22)
+            raise RuntimeError("Indeterminate linear system detected")
+        update(window, *given)
+
+    monkeypatch.setattr(Window, "_update", failing)
+    online = fed(demo())
+    assert failed
+    assert farthest(online.causal(), usual.causal()) > 1e-6
+    assert farthest(online.smoothed(), usual.smoothed()) < 0.02
