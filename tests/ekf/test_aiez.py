@@ -53,17 +53,6 @@ def test_where_the_compass_is_refused_a_straight_course_holds_the_gyro():
     assert abs(off_deg(with_course, headings)[-1]) < 0.8 * abs(off_deg(without, headings)[-1])
 
 
-def test_in_a_curve_without_a_compass_nothing_is_used():
-    """Turns of 11 deg a stride and a field that is nowhere right: the IEZ, bit for bit, once it is not levelled."""
-    walk = replace(STRAIGHT, strides=20, turn=0.2)
-    recording, stances, field, headings = walked(walk, lambda t: np.full(len(t), 40.0))
-    parameters = replace(PARAMETERS, tilt_sigma_deg=1e9)
-    solution = solved(recording, stances, field, headings, parameters)
-    assert set(solution.stances.field[:-1]) == {"disturbed"}
-    plain = run_iez(recording, stances, parameters.inertial, float(headings[0]))
-    np.testing.assert_allclose(solution.position, plain.position, atol=1e-9)
-
-
 def bent_back_deg(turn_deg, parameters=PARAMETERS):
     """How much of a bend of sixty strides without a compass the filter takes for drift."""
     walk = replace(STRAIGHT, turn=float(np.radians(turn_deg)))
