@@ -146,20 +146,6 @@ def test_samples_before_a_gap_get_extra_noise():
     assert 0.6 * error < added < 2.5 * error
 
 
-def test_the_stance_table_is_taken_at_the_stillest_sample():
-    recording, stances = WALK.recording()
-    recording = shaken(recording)
-    table = run_iez(recording, stances).stances
-    rate = np.linalg.norm(recording.gyr, axis=1)
-    for row, a, b in zip(table.sample, stances.start, stances.stop, strict=True):
-        assert a <= row < b
-        assert rate[row] == rate[a:b].min()
-    statistic = np.full(len(recording), 2.0)
-    statistic[stances.start + 3] = 0.5
-    judged = replace(stances, statistic=statistic)
-    assert np.array_equal(run_iez(recording, judged).stances.sample, stances.start + 3)
-
-
 def test_what_cannot_be_navigated_is_said():
     recording, stances = WALK.recording()
     with pytest.raises(EstimationError, match="no stance to start from"):

@@ -14,7 +14,7 @@ from fg_nav.ekf.measurements import make_pseudo_measurements
 from fg_nav.ekf.rts import propagate_adjoint, propagate_information, undo_step
 from fg_nav.ekf.update import INNOVATION, ROW, VARIANCE
 from fg_nav.estimators import estimate
-from fg_nav.frames import compute_heading, wrap_angle
+from fg_nav.frames import compute_heading
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.walk import Options
 from fg_nav.walk import Walk as PreparedWalk
@@ -196,25 +196,6 @@ def test_what_comes_before_the_first_stance_hangs_on_the_smoothed_start():
     moved = np.diff(smoothed.position[about], axis=0) / 0.01
     assert np.abs(moved - smoothed.velocity[about][:-1]).max() < 0.1
     assert np.isfinite(smoothed.position).all()
-
-
-def test_a_heading_known_late_turns_the_beginning():
-    rng, walk = np.random.default_rng(9), replace(WALK, strides=10)
-    recording, stances = noisy(walk, 100.0, rng)
-    pseudo = measure_footfalls(recording, stances.stillest(recording.gyr), walk, rng)
-    late = np.where(np.arange(11) >= 6, np.radians(3.0) ** 2, np.nan)
-    pseudo = pseudo._replace(compass_variance=late, course_variance=np.full(11, np.nan))
-    filtered, smoothed, rows, _ = both(recording, stances, pseudo, wrong_heading=np.radians(8.0), walk=walk)
-    truth = compute_heading(walk.attitude(recording.t[rows]))
-    before, after = (
-        np.degrees(np.abs(wrap_angle(compute_heading(t.nav_R_body[rows]) - truth))) for t in (filtered, smoothed)
-    )
-    assert before[:6].min() > 6.0
-    assert (after < 3 * np.degrees(np.sqrt(smoothed.covariance[:, 8, 8]))).all()
-    assert after[:6].max() < 0.6 * before[:6].min()
-    there = [np.arctan2(*p[:2]) for p in (t.position[rows[5]] for t in (filtered, smoothed))]
-    considered = np.abs(there - np.arctan2(*walk.position(recording.t[rows[5]])[:2]))
-    assert considered[1] < 0.6 * considered[0]
 
 
 def test_the_solution_of_a_smoother_bears_its_name_and_says_so_in_its_parameters():

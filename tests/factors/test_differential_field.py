@@ -154,18 +154,21 @@ def test_a_field_that_drifts_is_not_taken_for_a_bias() -> None:
 
 @pytest.mark.parametrize("iron_uT", [5.0, 20.0])
 def test_iron_on_the_body_is_not_taken_for_a_bias(iron_uT: float) -> None:
-    squares, ignored, of_iron = [], [], []
+    squares, ignored, of_iron, ratio = [], [], [], []
     for seed in range(40):
         iron = np.random.default_rng(seed).normal(0.0, iron_uT, 3)
         seen = measured(seed, iron=iron, amplitude_rad_s=0.4)
         found = find_walk_iron(seen)
         off = found.mean_uT - iron
         of_iron.append(off @ np.linalg.solve(found.covariance, off))
-        squares.append(whitened(measure_bias(seen, replace(NOISE, iron=found), 64), found))
+        known = measure_bias(seen, replace(NOISE, iron=found), 64)
+        squares.append(whitened(known, found))
+        ratio.append(known.chi_square.sum() / known.freedom.sum())
         ignored.append(whitened(measure_bias(seen, NOISE, 64)))
     band = 3.0 * np.sqrt(6.0 / 40)
     assert 3.0 - band < np.mean(of_iron) < 3.0 + band
     assert np.mean(squares) < 3.0 + band
+    assert np.mean(ratio) == pytest.approx(1.0, abs=0.02)
     assert np.mean(ignored) > 10.0
 
 

@@ -8,7 +8,7 @@ from fg_nav.frames import GRAVITY_M_S2, compute_heading, level_attitude
 from fg_nav.smoother.graph import initial_values
 from fg_nav.smoother.strides import place_nodes
 from tests.simulated import RIGID
-from tests.smoother.walks import DEFAULT, Walk, degrees_between, demo, node_arrays, noise_free
+from tests.smoother.walks import DEFAULT, Walk, degrees_between, node_arrays, noise_free
 
 
 def started(walk: Walk, tilt_deg: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
@@ -33,12 +33,6 @@ def test_it_starts_within_degrees_and_per_cents(rate_hz: float, off_deg: float) 
     metres, degrees = started(noise_free(RIGID, rate_hz=rate_hz))
     assert metres.max() < 3.0
     assert degrees.max() < off_deg
-
-
-def test_a_biased_sensor_still_starts_near() -> None:
-    metres, degrees = started(demo())
-    assert metres.max() < 10.0
-    assert degrees.max() < 20.0
 
 
 @pytest.mark.parametrize("rate_hz", [100.0, 400.0])

@@ -92,14 +92,6 @@ def test_a_start_that_is_known_elsewhere_turns_the_walk() -> None:
     np.testing.assert_allclose(found.stances.position[[8, -1]], turned, atol=2 * SIGMA_M)
 
 
-def test_a_robust_factor_gives_way() -> None:
-    kernel = gtsam.noiseModel.mEstimator.Cauchy.Create(1.0)
-    robust = gtsam.noiseModel.Robust.Create(kernel, gtsam.noiseModel.Isotropic.Sigma(3, SIGMA_M))
-    wrong = place() + np.array([500.0, 0.0, 0.0])
-    found = smoothed(lambda nodes: joined(gtsam.GPSFactor(last_of(nodes), wrong, robust))).solution
-    assert np.linalg.norm(found.stances.position[-1] - free().stances.position[-1]) < 1.0
-
-
 def test_the_graph_at_hand_is_the_one_that_was_solved() -> None:
     walk = smoothed(at_place)
     gradient = walk.graph.linearize(walk.values).gradientAtZero()

@@ -12,7 +12,6 @@ from gtsam.symbol_shorthand import M, X
 from scipy.stats import multivariate_normal
 
 from fg_nav.arrays import Floats
-from fg_nav.detection.stance import Stances
 from fg_nav.factors.magnetic_field import PHI, SIZE
 from fg_nav.factors.residual import Stack
 from fg_nav.lab.simulation.fields import draw_environment
@@ -24,22 +23,17 @@ from fg_nav.smoother.field import (
     SHARES,
     SHARES_PRIOR,
     PathNoise,
-    _eliminate_between,
     _weigh_share,
     average_path_noise,
-    integrate_field,
     set_field,
-    solve_with_field,
 )
 from fg_nav.smoother.field_factors import MIN_TELESCOPING, PATH_SIGMA_UT_M, FieldFactors, FieldRoughness
 from fg_nav.smoother.graph import WalkProblem
-from fg_nav.smoother.problem import walk_problem
-from fg_nav.smoother.solver import WalkSystem, list_in_time
 from fg_nav.smoother.square_root import LinearWalk
 from tests.smoother.test_field import heading_error_deg, in_field, replace_field, truth_of
 from tests.smoother.test_field_factors import KNOWN, NEVER, NONE, ROUGH, Walked, steady  # noqa: F401
 from tests.smoother.test_potential import EARTH, solved_in
-from tests.smoother.walks import DEFAULT, demo, track_of
+from tests.smoother.walks import demo
 
 
 def with_integrals(field: FieldFactors, added: Floats) -> FieldFactors:
@@ -118,56 +112,15 @@ def test_the_mean_share_over_walks_is_that_of_the_walks(monkeypatch: pytest.Monk
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_a_walk_of_a_minute_over_a_rough_floor_leaves_much_drift_open(seed: int) -> None:
-    assert noise_of(seed, 0.0).drift_m > 0.05
-
-
-@pytest.mark.parametrize("seed", [0, 1, 2])
 def test_integrals_that_do_not_telescope_are_not_taken_for_those_that_do(seed: int) -> None:
     """Of 3 uT m a stride in a field of 20 uT."""
     assert noise_of(seed, 3.0).drift_m > 3.0 / 20.0
-
-
-def test_nodes_eliminated_first_change_no_difference_of_evidence() -> None:
-    found, _ = solved_in(0)
-    values, field = found.solved.values, found.problem.get(FieldFactors)
-    rest = _eliminate_between(found.problem, values)
-    levels = [field.assume_lost_share(share) for share in (1.0, 0.1)]
-    short = np.diff([_weigh_share(rest, one, values) for one in levels])
-    blocks = found.problem.without(FieldFactors).system.blocks
-    order = list_in_time(found.problem.nodes, with_field=True)
-    walk = LinearWalk.of(WalkSystem(found.problem.graph, blocks).stack(values), order)
-    whole = np.diff([_weigh_share(walk, one, values) for one in levels])
-    np.testing.assert_allclose(short, whole, atol=1e-6)
 
 
 def over_rough_floor(seed: int) -> Recording:
     """The demonstration."""
     points = truth_of(demo(seed).recording).position[::100] * [1.0, 1.0, 0.0]
     return in_field(draw_environment("indoor", EARTH, points, np.random.default_rng(seed)).at, seed)
-
-
-def noise_on(recording: Recording, stances: Stances) -> PathNoise:
-    """Of a walk solved with its integrals."""
-    problem = walk_problem(recording, stances, None, DEFAULT)
-    field = average_footfall_field(recording, stances)
-    found = solve_with_field(problem, field, integrate_field(problem, field, track_of(problem)))
-    return average_path_noise(found.problem, found.solved.values)
-
-
-def test_a_standing_in_pieces_shows_no_more_of_it_than_a_standing() -> None:
-    """As a walk in progress has it, which cuts a long standing."""
-    recording, stances = over_rough_floor(0), demo().stances
-    cuts = np.linspace(stances.start[-1], stances.stop[-1], 6).astype(int)
-    pieces = replace(
-        stances,
-        start=np.append(stances.start[:-1], cuts[:-1]),
-        stop=np.append(stances.stop[:-1], cuts[1:]),
-        footfall=np.append(stances.footfall[:-1], stances.footfall[-1] + np.arange(5)),
-    )
-    whole, in_pieces = (noise_on(recording, one) for one in (stances, pieces))
-    assert in_pieces.strides == whole.strides + 4
-    assert in_pieces.drift_m == pytest.approx(whole.drift_m, rel=0.3)
 
 
 @pytest.mark.parametrize("seed", [0, 1])
