@@ -34,7 +34,8 @@ from fg_nav.report.terminal import console, progress
 
 FIRST_SEED = 101  # Of walks that are reported: estimators were tuned on seeds below 100.
 
-S, T = TypeVar("S"), TypeVar("T")
+S = TypeVar("S")
+T = TypeVar("T")
 
 # --- arguments -------------------------------------------------------------------------------------------------------
 
@@ -111,13 +112,6 @@ def seeds_of(chosen: argparse.Namespace) -> range:
     """Return the seeds asked for: `--seeds` of them from `--first` on."""
     first = getattr(chosen, "first", FIRST_SEED)
     return range(first, first + chosen.seeds)
-
-
-def check_folder(path: Path | None) -> Path:
-    """Return the folder for results, which must be there; raises `OutputError`."""
-    if path is None or not path.is_dir():
-        raise OutputError(f"there is no folder {path} to keep results in: make it, and name it with --out.")
-    return path
 
 
 # --- work ------------------------------------------------------------------------------------------------------------

@@ -1,18 +1,20 @@
-"""The walks on which figures are measured: the real ones, each with its stances, and a simulated one of any length.
+"""The walks on which figures are measured: the real ones, by sets, and a simulated one of any length.
 
 =================== ====================================================================================
-vicon, labels       28 trials with motion capture; stances: `zv_shoe_opt`, the authors' own best labels
-vicon, detected     the same with our detector
+vicon               28 trials with motion capture
 gdin                10 indoor walks with surveyed footprints
 running             2 more that have running strides in them and a gyroscope that saturates
-gdlbio              11 indoor walks with every footprint surveyed, and 7 that are run or clipped in every stride
-loops               5 walks that end where they began
-RECORDED            sets without a true path, most of them closed: one round and stairs (mti), a corridor, laps, squares
-                    and rectangles (mems), corridors and stairs (mtig)
+gdlbio              11 indoor walks with every footprint surveyed
+gdlbio run          7 that are run or clipped in every stride
+openshoe, xio       walks that end where they began, three and two
+mti round, stairs   12 rounds of one floor and 12 walks on stairs, walked and run, 100 Hz
+corridor            a corridor to and fro
+mems                laps, squares and rectangles
+mtig                passes of a corridor, stairs and other ways
 =================== ====================================================================================
 
-The magnetometer is left out: these figures are inertial ones. All walks are prepared as `fg-nav run` does, so that a
-large error of the accelerometer is taken off.
+A walk is read where it is measured. By default the magnetometer is left out: figures are inertial ones unless they say
+so. All walks are prepared as `fg-nav run` does, so that a large error of the accelerometer is taken off.
 """
 
 from __future__ import annotations
@@ -28,51 +30,88 @@ import scipy.io
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection.stance import Stances
 from fg_nav.errors import FormatError, SimulationError
-from fg_nav.io import Reading
+from fg_nav.io import Reading, read_raw
 from fg_nav.lab.pyshoe import read_pyshoe_labels, read_pyshoe_track
 from fg_nav.lab.simulation import SCENARIOS, Choices, routes, simulate
 from fg_nav.lab.simulation.plan import Stand
-from fg_nav.pipeline import prepare_walk, read_walk
+from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import RawRecording, Recording
-from fg_nav.report.terminal import console
 from fg_nav.truth import TrajectoryTruth
-from fg_nav.walk import Options
+from fg_nav.walk import Options, read_walk
+from fg_nav.walk import Walk as Prepared
 
 DEFAULT_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
-
-GDIN_WALKS = (15, 18, 20, 22, 24, 29, 31, 33, 36, 40)
-RUNNING = (35, 43)
-GDLBIO_WALKED = (48, 50, 58, 62, 64, 72, 74, 76, 78, 80, 82)
-GDLBIO_RUN = (52, 54, 56, 60, 66, 68, 70)
-NEWEST_OBSOLETE = 29  # gdin walks up to this one lie in a folder of their own.
 SHOE_ERROR = 0  # Of the five errors stored with a trial: that of the detector whose labels are used.
+MTI1_RATE_HZ = 100.0
 
+GDIN, OPENSHOE = "gdin", "openshoe"
+GDIN_WALKS = (15, 18, 20, 22, 24, 29, 31, 33, 36, 40)
 LOOPS = {
-    "openshoe 1": "openshoe/data_inert1.txt",
-    "openshoe 7": "openshoe/data_inert7.txt",
-    "openshoe 13": "openshoe/data_inert13.txt",
-    "xio short": "xio/short_walk.csv",
-    "xio long": "xio/long_walk.csv",
+    **{f"openshoe {n}": f"openshoe/data_inert{n}.txt" for n in (1, 7, 13)},
+    **{f"xio {length}": f"xio/{length}_walk.csv" for length in ("short", "long")},
 }
 
-RECORDED: Mapping[str, Sequence[str]] = {
+
+def gdin_path(data: Path, number: int) -> Path:
+    """File of an indoor walk; those up to 29 lie in a folder of their own."""
+    return data / "gdin" / ("own" if number > 29 else "own_obsolete") / f"SensorConnectData_{number}.csv"
+
+
+def gdlbio_path(data: Path, number: int) -> Path:
+    """File of a surveyed walk."""
+    return data / "gdlbio" / f"SensorConnectData_{number}_GDLBIO.mat"
+
+
+NUMBERED: Mapping[str, tuple[str, Sequence[int]]] = {
+    GDIN: ("gdin", GDIN_WALKS),
+    "running": ("gdin", (35, 43)),
+    "gdlbio": ("gdlbio", (48, 50, 58, 62, 64, 72, 74, 76, 78, 80, 82)),
+    "gdlbio run": ("gdlbio", (52, 54, 56, 60, 66, 68, 70)),
+}
+FILES: Mapping[str, Sequence[str]] = {
+    "vicon": ("vicon/*.mat",),
     "mti round": ("mti1_loops/hallway_*",),
     "mti stairs": ("mti1_loops/stairs_*",),
     "corridor": ("corridor_lab/*",),
     "mems": tuple(f"mems_foot/{name}" for name in ("lap_360m_*", "square_70m_*", "*rectangle_*", "c_shape_*")),
     "mtig": ("mtig710/*",),
 }
-"""Files of each set, without `.csv.gz`."""
+"""Patterns of each set, without `.csv.gz`."""
 
-MTI1_RATE_HZ = 100.0
 
-GDIN, OPENSHOE = "gdin", "openshoe"
+@dataclass(frozen=True)
+class Real:
+    """A recording: its name, its file, and the barometer beside it where that is asked for."""
 
-REAL_WALKS: Mapping[str, tuple[str, ...]] = {
-    GDIN: tuple(str(number) for number in GDIN_WALKS),
-    OPENSHOE: tuple(name.removeprefix("openshoe ") for name in LOOPS if name.startswith(OPENSHOE)),
-}
-"""Those with a magnetometer, by group."""
+    name: str
+    path: Path
+    barometer: Path | None = None
+
+    def read_raw(self) -> RawRecording:
+        """Read the samples as they stand in the file, without the magnetometer."""
+        is_table = self.path.parent.name == "mti1_loops"
+        return replace(_read_mti1(self.path) if is_table else read_raw(self.path), mag=None)
+
+    def prepare(self, options: Options | None = None) -> Prepared:
+        """Read a walk and find its stances as `fg-nav run --no-mag` does, or by these options."""
+        options = options or Options(use_magnetometer=False)
+        if self.path.parent.name == "mti1_loops":
+            return prepare_walk(read_walk(Recording.from_raw(_read_mti1(self.path)), options))
+        if self.barometer is not None:
+            return prepare_walk(read_walk(Reading(barometer=self.barometer).read(self.path), options))
+        return prepare_walk(read_walk(self.path, options))
+
+    def read(self) -> Walk:
+        """Read a walk with what is stored with it."""
+        prepared = self.prepare()
+        track = read_pyshoe_track(self.path) if self.path.parent.name == "gdlbio" else None
+        return Walk(self.name, prepared.recording, prepared.stances, track)
+
+    def read_labelled(self) -> Walk:
+        """Read a trial with the authors' labels as the stance mask."""
+        stored = float(scipy.io.loadmat(self.path)["trial_error"][0, SHOE_ERROR])
+        walk = replace(self.read(), stances=Stances.from_mask(read_pyshoe_labels(self.path)))
+        return replace(walk, stored_armse_m=stored)
 
 
 @dataclass(frozen=True)
@@ -93,10 +132,7 @@ class Walk:
 def data_folder(given: Path | None) -> Path:
     """Folder with the recordings: the given one, else $FG_NAV_DATA, else ../shared/data beside the repository.
 
-    Raises
-    ------
-    FormatError
-        Where there is none.
+    Raises `FormatError` where there is none.
     """
     folder = given or Path(os.environ.get("FG_NAV_DATA", DEFAULT_DATA))
     if not folder.is_dir():
@@ -104,92 +140,36 @@ def data_folder(given: Path | None) -> Path:
     return folder
 
 
-def read_vicon_labelled(data: Path) -> list[Walk]:
-    """Read the trials with the authors' labels as the stance mask, oldest first."""
-    return [
-        Walk(
-            path.stem,
-            _prepare(path.stem, path).recording,
-            Stances.from_mask(read_pyshoe_labels(path)),
-            stored_armse_m=float(scipy.io.loadmat(path)["trial_error"][0, SHOE_ERROR]),
-        )
-        for path in _vicon_paths(data)
-    ]
+def list_set(data: Path, name: str, with_barometer: bool = False) -> list[Real]:
+    """List the recordings of a set; with the barometer those that have one.
 
-
-def read_vicon_detected(data: Path) -> list[Walk]:
-    """Read the trials with our own stances, oldest first."""
-    return [_prepare(path.stem, path) for path in _vicon_paths(data)]
-
-
-def read_gdin(data: Path, numbers: Sequence[int] = GDIN_WALKS) -> list[Walk]:
-    """Read the indoor walks of these numbers."""
-    return [_prepare(f"gdin {number}", gdin_path(data, number)) for number in numbers]
-
-
-def read_gdlbio(data: Path, numbers: Sequence[int] = GDLBIO_WALKED) -> list[Walk]:
-    """Read the surveyed walks of these numbers, with the path that is stored with them."""
-    paths = {number: gdlbio_path(data, number) for number in numbers}
-    return [replace(_prepare(f"gdlbio {n}", path), track=read_pyshoe_track(path)) for n, path in paths.items()]
-
-
-def read_loops(data: Path, names: Sequence[str] = tuple(LOOPS)) -> list[Walk]:
-    """Read walks that end where they began."""
-    return [_prepare(name, data / LOOPS[name]) for name in names]
-
-
-def read_recorded(data: Path, names: Sequence[str], with_barometer: bool = False) -> list[Walk]:
-    """Read recordings such as those of `RECORDED`; with the barometer beside each, those of which it is usable."""
-    found = [path for one in names for path in sorted(data.glob(f"{one}.csv.gz")) if path.name.count(".") == 2]
+    Raises `FormatError` where none is there.
+    """
+    if name in LOOPS or name in (OPENSHOE, "xio"):
+        found = [Real(one, data / path) for one, path in LOOPS.items() if one.startswith(name)]
+    elif name in NUMBERED:
+        group, numbers = NUMBERED[name]
+        place = gdin_path if group == GDIN else gdlbio_path
+        found = [Real(f"{group} {number}", place(data, number)) for number in numbers]
+    else:
+        ends = "" if name == "vicon" else ".csv.gz"
+        paths = [path for one in FILES[name] for path in sorted(data.glob(one + ends)) if path.name.count(".") <= 2]
+        air = {
+            path: path.with_name(path.name.replace(".csv", ".baro.csv")) if with_barometer else None for path in paths
+        }
+        found = [
+            Real(path.name.partition(".")[0], path, one) for path, one in air.items() if one is None or one.exists()
+        ]
+    found = [one for one in found if one.path.exists()]
     if not found:
-        raise FormatError(f"there is no recording {names[0]}.csv.gz in {data}: check the folder given with --data.")
-    walks = []
-    for path in found:
-        air = path.with_name(path.name.replace(".csv", ".baro.csv")) if with_barometer else None
-        try:
-            walks.append(_prepare(path.name.partition(".")[0], path, air))
-        except FormatError as error:
-            if air is None:
-                raise
-            console().print(f"left out: {error}")
-    return walks
+        raise FormatError(f"there is no recording of the set {name} in {data}: check the folder given with --data.")
+    return found
 
 
-def _prepare(name: str, path: Path, barometer: Path | None = None) -> Walk:
-    """Read a walk and find its stances as `fg-nav run --no-mag` does."""
-    is_table = path.match("mti1_loops/*")
-    recording = Recording.from_raw(read_mti1(path)) if is_table else Reading(barometer=barometer).read(path)
-    prepared = prepare_walk(read_walk(recording, Options(use_magnetometer=False)))
-    return Walk(name, prepared.recording, prepared.stances)
-
-
-def read_mti1(path: Path) -> RawRecording:
+def _read_mti1(path: Path) -> RawRecording:
     """Read a table without stamps, whose first row is no sample."""
     rows = np.genfromtxt(path, delimiter=",", skip_header=2)
     return RawRecording(np.arange(len(rows)) / MTI1_RATE_HZ, rows[:, :3], rows[:, 3:6], np.arange(len(rows)) + 3)
-
-
-def _vicon_paths(data: Path) -> list[Path]:
-    paths = sorted((data / "vicon").glob("*.mat"))
-    if not paths:
-        raise FormatError(f"there is no trial in {data / 'vicon'}: check the folder given with --data.")
-    return paths
-
-
-def gdin_path(data: Path, number: int) -> Path:
-    """File of an indoor walk."""
-    folder = "own" if number > NEWEST_OBSOLETE else "own_obsolete"
-    return data / "gdin" / folder / f"SensorConnectData_{number}.csv"
-
-
-def gdlbio_path(data: Path, number: int) -> Path:
-    """File of a surveyed walk."""
-    return data / "gdlbio" / f"SensorConnectData_{number}_GDLBIO.mat"
-
-
-def real_path(group: str, walk: str, data: Path) -> Path:
-    """File of a walk of `REAL_WALKS`."""
-    return data / LOOPS[f"{OPENSHOE} {walk}"] if group == OPENSHOE else gdin_path(data, int(walk))
 
 
 # --- simulated -------------------------------------------------------------------------------------------------------
@@ -246,6 +226,7 @@ class RepeatedWalk:
         Raises `SimulationError` where it has not two.
         """
         length = max(1, round(STILL_S / recording.period_s))
+        assert recording.mag is not None
         samples = np.column_stack([recording.acc, recording.gyr, recording.mag])
         seconds = samples[: len(samples) // length * length].reshape(-1, length, samples.shape[1])
         still = np.flatnonzero(np.abs(seconds[:, :, 3:6]).max(axis=(1, 2)) < STILL_RAD_S)

@@ -1,42 +1,33 @@
-"""Every table of README and docs that has results in it, written from the files in `docs/results`.
+"""Every table of README and docs that has results in it, written from the store, `docs/results`.
 
     python scripts/write_results.py             write `docs/results.md` and the tables between marks in other pages
     python scripts/write_results.py --check     exit with 1 where a page is not what would be written
 
 ============================================= ======================================================================
 `ma2018`, `aiez2017`, `munoz-diaz2017` .json  results.json of `fg-nav lab reproduce PAPER`
-`real-walks.json`                             `python scripts/real_walks.py --ablation --bias-walk --json FILE`
-`coverage.json`                               `python scripts/sigma_coverage.py --json FILE`
-`benchmark.json`                              `python scripts/benchmark.py --save`, and with `--peers PYTHON`
+`benchmark.json`                              the peers, by `benchmark_peers.py` of commit b894e160
+any other                                     `python scripts/measure.py NAME --save`
 ============================================= ======================================================================
 
-A table in a page stands between `<!-- written: NAME -->` and `<!-- end -->`; `BLOCKS` has the names.
+A table in a page stands between `<!-- written: NAME -->` and `<!-- end -->`. Below it is when, at which commit and on
+which seeds it was measured, and whether the code has changed since, as the checkout shows it: `--check` asks for all
+but that.
 """
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import subprocess
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import harness
-from walk_tables import (
-    Walks,
-    write_ablation,
-    write_behind,
-    write_bias_walk,
-    write_closed,
-    write_coverage,
-    write_indoor,
-    write_pairs,
-    write_passes,
-    write_peers,
-    write_row,
-    write_summary,
-    write_vicon,
-)
+from experiments import Block, Table, sum_up, write_row, write_table
+from measure import EXPERIMENTS, ROOT
 
 from fg_nav.errors import OutputError
 from fg_nav.lab.reproduce.results import (
@@ -121,10 +112,9 @@ HEADLINES = {
 BESIDE = {"README.md": ("tuned", "matched, both ways")}  # Columns that stand there between the paper's method and ours.
 OURS = ("smoother", "online", "graph")  # Columns that they show beside the paper's method: the first there is.
 
-ROOT = Path(__file__).resolve().parents[1]
 FOLDER = Path("docs/results")
 PAPERS = ("ma2018", "aiez2017", "munoz-diaz2017")
-MEASURED = ("real-walks", "coverage", "benchmark")  # Files of results of other scripts.
+CHANGED = " The code has changed since."
 
 MARKED = re.compile(r"(<!-- written: ([\w-]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
@@ -138,7 +128,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         root=harness.option(ROOT, "of the project", type=Path, metavar="DIR"),
     )
     for page, text in write_pages(chosen.root).items():
-        if chosen.check and read_page(page) != text:
+        if chosen.check and read_page(page).replace(CHANGED, "") != text.replace(CHANGED, ""):
             raise OutputError(f"{page} is not what is written from the files in {FOLDER}: run this without --check.")
         if not chosen.check:
             write_text(page, text)
@@ -148,8 +138,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def write_pages(root: Path) -> dict[Path, str]:
     """Text of every page that has results in it."""
     papers = [read_reproduction(root / FOLDER / f"{name}.json") for name in PAPERS]
-    kept = {name: json.loads((root / FOLDER / f"{name}.json").read_text(encoding="utf-8")) for name in MEASURED}
-    blocks = {name: write_block(papers, kept) for name, write_block in BLOCKS.items()}
+    blocks = {"papers": headlines(papers, "README.md"), "pocket": headlines(papers, "docs/pocket.md")}
+    blocks |= {name: lines for path in sorted((root / FOLDER).glob("*.json")) for name, lines in write_blocks(path)}
     pages = [root / "README.md", *sorted((root / "docs").glob("*.md"))]
     found = {page: fill_marks(read_page(page), blocks) for page in pages if MARKED.search(read_page(page))}
     return {root / "docs" / "results.md": document(papers), **found}
@@ -158,6 +148,42 @@ def write_pages(root: Path) -> dict[Path, str]:
 def read_page(page: Path) -> str:
     """Text of a page; none where it is not there."""
     return page.read_text(encoding="utf-8") if page.exists() else ""
+
+
+def write_blocks(path: Path) -> Iterator[tuple[str, list[str]]]:
+    """Yield the tables of a file of the store: an experiment's own, and the sums of all its columns by its name."""
+    if path.stem not in (*EXPERIMENTS, "benchmark"):
+        return
+    content = json.loads(path.read_text(encoding="utf-8"))
+    if path.stem == "benchmark":
+        yield "peers", write_peers(content["peers"])
+        return
+    experiment, table = EXPERIMENTS[path.stem], Table(content["rows"])
+
+    def write_sums(table: Table) -> list[str]:
+        heads, *rows = sum_up(table, experiment.columns)
+        return write_table(heads, rows, words=2)
+
+    blocks: Mapping[str, Block] = {path.stem: write_sums, **experiment.blocks}
+    for name, write in blocks.items():
+        yield name, [*write(table), "", describe_stamps(path.stem, content["made"])]
+
+
+def describe_stamps(name: str, made: Mapping[str, Mapping[str, str]]) -> str:
+    """Write when, at which commits and on which seeds it was measured, and whether the code has changed since."""
+    dates, commits, seeds = (
+        list(dict.fromkeys(one[key] for one in made.values() if one.get(key))) for key in ("date", "commit", "seeds")
+    )
+    words = [f"`scripts/measure.py {name}`, {' and '.join(dates)}", f"commit {' and '.join(commits)}"]
+    words += [f"seeds {' and '.join(seeds)}"] if seeds else []
+    return f"*{', '.join(words)}.{CHANGED if any(map(has_changed, commits)) else ''}*"
+
+
+@cache
+def has_changed(commit: str) -> bool:
+    """Whether the package differs from a commit; unknown, as in a copy without its history, is no."""
+    command = ["git", "diff", "--quiet", commit.removesuffix("+"), "--", "fg_nav", "factors"]
+    return subprocess.run(command, cwd=ROOT, capture_output=True).returncode == 1
 
 
 def fill_marks(text: str, blocks: Mapping[str, Sequence[str]]) -> str:
@@ -170,6 +196,24 @@ def fill_marks(text: str, blocks: Mapping[str, Sequence[str]]) -> str:
         return f"{mark[1]}\n{lines}\n\n{mark[3]}"
 
     return MARKED.sub(fill, text)
+
+
+PEER_COLUMNS = {
+    "walks": ("walks", "{}"), "over_bare": ("over the bare loop", "{:.2f}"), "us_a_sample": ("us a sample", "{:.2f}"),
+    "rmse_2d_m": ("2-D (m)", "{:.3f}"), "rmse_3d_m": ("3-D (m)", "{:.3f}"), "closure_m": ("start to end (m)", "{:.2f}"),
+    "heading_deg": ("heading (deg)", "{:.2f}"), "inclination_deg": ("inclination (deg)", "{:.2f}"),
+}  # fmt: skip
+
+
+def write_peers(peers: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Write speed, errors and scope of each program, one row a set."""
+    lines = [write_row(["set", "program", *(head for head, _ in PEER_COLUMNS.values()), "leaves out"])]
+    lines.append("|---|---|" + "---:|" * len(PEER_COLUMNS) + "---|")
+    for row in peers:
+        cells = ["-" if row[name] is None else pattern.format(row[name]) for name, (_, pattern) in PEER_COLUMNS.items()]
+        scope = f"not measured: {row['missing']}" if row["over_bare"] is None else row["leaves_out"]
+        lines.append(write_row([row["set"], f"{row['method']} {row['version']}".strip(), *cells, scope]))
+    return lines
 
 
 # --- the papers ------------------------------------------------------------------------------------------------------
@@ -262,23 +306,6 @@ def _figures(rows: Sequence[Row], column: str, walks: int) -> str:
     figures = [format_spread(row, column, walks) for row in rows]
     return figures[0] if len(figures) == 1 else " / ".join(figure.partition(" (")[0] for figure in figures)
 
-
-BLOCKS: Mapping[str, Callable[[Sequence[Reproduction], Mapping[str, Walks]], list[str]]] = {
-    "papers": lambda papers, _: headlines(papers, "README.md"),
-    "pocket": lambda papers, _: headlines(papers, "docs/pocket.md"),
-    "real-walks": lambda _, kept: write_summary(kept["real-walks"]),
-    "vicon": lambda _, kept: write_vicon(kept["real-walks"]),
-    "indoor": lambda _, kept: write_indoor(kept["real-walks"]),
-    "closed": lambda _, kept: write_closed(kept["real-walks"]),
-    "passes": lambda _, kept: write_passes(kept["real-walks"]),
-    "behind": lambda _, kept: write_behind(kept["real-walks"]),
-    "bias-walk": lambda _, kept: write_bias_walk(kept["real-walks"]),
-    "magnetometer": lambda _, kept: write_pairs(kept["real-walks"]),
-    "ablation": lambda _, kept: write_ablation(kept["real-walks"]),
-    "coverage": lambda _, kept: write_coverage(kept["coverage"]),
-    "peers": lambda _, kept: write_peers(kept["benchmark"]),
-}
-"""Tables of other pages by the names of their marks."""
 
 if __name__ == "__main__":
     harness.run(main)

@@ -37,7 +37,7 @@ ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
 FILTERS_PAGE = ROOT / "docs/filters.md"
 MAGNETIC_PAGE = ROOT / "docs/magnetic.md"
-NAMED = re.compile(r"scripts/(\w+)\.py")
+NAMED = re.compile(r"scripts/([\w/]+)\.py")
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PROJECT = PYPROJECT["project"]
 PAGES = (README, ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md")))
@@ -234,7 +234,7 @@ def test_the_readme_is_short_and_begins_with_a_picture() -> None:
 
 
 def test_scripts_that_pages_and_modules_name_exist() -> None:
-    sources = [*PAGES, *(ROOT / "fg_nav").rglob("*.py"), *(ROOT / "scripts").glob("*.py")]
+    sources = [*PAGES, *(ROOT / "fg_nav").rglob("*.py"), *(ROOT / "scripts").rglob("*.py")]
     named = {name for page in sources if page.name != "CHANGELOG.md" for name in NAMED.findall(page.read_text("utf-8"))}
     assert "compare_ekf" in named
     assert not [name for name in sorted(named) if not (ROOT / "scripts" / f"{name}.py").exists()]

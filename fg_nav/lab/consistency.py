@@ -57,20 +57,13 @@ DEGREES_OF_FREEDOM = 3
 TRUTH_SIGMA_M = 0.001  # Motion capture of a marker on a shoe: about a millimetre.
 _YAW_STEPS = 10  # Gauss-Newton on one angle has converged long before.
 
-PARTS: Mapping[str, int] = {"pose": 4, "ground": 3, "position": 3, "horizontal": 2, "heading": 1, "up": 1}
-"""Degrees of freedom by part."""
-
 PLACES = (0.25, 0.5, 0.75, 1.0)  # Judged footfalls, as shares of the walk.
 JOINT = ("pose", "ground")  # Parts that need the covariance of position with heading.
 
 _ROWS = {
-    "pose": [0, 1, 2, 3],
-    "ground": [0, 1, 3],
-    "position": [0, 1, 2],
-    "horizontal": [0, 1],
-    "heading": [3],
-    "up": [2],
-}
+    "pose": [0, 1, 2, 3], "ground": [0, 1, 3], "position": [0, 1, 2], "horizontal": [0, 1], "heading": [3], "up": [2],
+}  # fmt: skip
+PARTS: Mapping[str, int] = {part: len(rows) for part, rows in _ROWS.items()}  # Degrees of freedom.
 
 
 @dataclass(frozen=True)
@@ -90,10 +83,6 @@ class Consistency:
     def mean_ratio(self) -> float:
         """Mean NEES over its expectation: dominated by the worst stances."""
         return float(np.mean(self.nees) / DEGREES_OF_FREEDOM)
-
-    def coverage(self, probability: float = 0.95) -> float:
-        """Share of stances whose error lies inside the ellipsoid of this probability."""
-        return float(np.mean(self.nees < chi2_quantile(probability, DEGREES_OF_FREEDOM)))
 
 
 def compute_stance_nees(
@@ -161,7 +150,7 @@ def whiten_errors(
 
 
 def share_in_band(nees: Floats, freedom: float, mean: float, probability: float = 0.95) -> float:
-    """Share of NEES inside the two-sided band of a chi-square of `freedom`, scaled to this mean."""
+    """Share of NEES inside `nees_band`."""
     low, high = nees_band(freedom, mean, probability)
     return float(np.mean((nees >= low) & (nees <= high)))
 
@@ -174,7 +163,7 @@ def chi2_quantile(probability: float, freedom: float) -> float:
 def nees_band(freedom: float, mean: float, probability: float = 0.95) -> tuple[float, float]:
     """Two-sided band of a chi-square of `freedom`, scaled to this mean."""
     edges = (1 - probability) / 2, (1 + probability) / 2
-    low, high = (float(chi2_quantile(edge, freedom)) * mean / freedom for edge in edges)
+    low, high = (chi2_quantile(edge, freedom) * mean / freedom for edge in edges)
     return low, high
 
 

@@ -16,14 +16,9 @@ import numpy as np
 from fg_nav.arrays import Floats, find_runs
 from fg_nav.errors import MagneticError
 from fg_nav.frames import average_angles, wrap_angle
-from fg_nav.lab.sample_field import MIN_SAMPLES, WINDOW_S, Disturbance, find_sample_threshold, judge_samples
+from fg_nav.lab.sample_field import MIN_SAMPLES, WINDOW_S, find_sample_threshold, judge_samples
 from fg_nav.magnetic import FieldVerdicts, FootfallField
-from fg_nav.magnetic.detectors import (
-    DEFAULT,
-    DETECTORS,
-    find_own_detectors,
-    judge_field,
-)
+from fg_nav.magnetic.detectors import DEFAULT, DETECTORS, OverThreshold, find_own_detectors, judge_field
 from fg_nav.magnetic.footfall_field import compute_true_heading
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
@@ -165,7 +160,7 @@ class SampleSurvey:
 
     t: Floats  # (N,) s.
     strength: Floats  # (N,) uT; NaN where it was not measured.
-    verdicts: Disturbance  # Of N samples.
+    verdicts: OverThreshold  # Of N samples.
 
     @property
     def share(self) -> float:

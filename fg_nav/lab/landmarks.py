@@ -27,25 +27,6 @@ class LandmarkErrors:
     landmark: tuple[str, ...]
     error_m: Floats
 
-    def __len__(self) -> int:
-        return len(self.landmark)
-
-    @property
-    def mean_m(self) -> float:
-        """Of all crossings."""
-        return float(self.error_m.mean())
-
-    @property
-    def max_m(self) -> float:
-        """Of all crossings."""
-        return float(self.error_m.max())
-
-    @property
-    def mean_of_landmark_m(self) -> dict[str, float]:
-        """Mean over the crossings of each landmark, in the order in which they are first crossed."""
-        names = np.array(self.landmark)
-        return {name: float(self.error_m[names == name].mean()) for name in dict.fromkeys(self.landmark)}
-
 
 def measure_landmarks(
     solution: Solution, landmark: Sequence[str], time_s: Floats, position: Floats, alignment: Alignment

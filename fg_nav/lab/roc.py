@@ -6,8 +6,8 @@ truly quasi-static if it is the same at all of its stances, up to a limit: with 
     change_k = max |b_i - b_j|    over all pairs    k - N <= i < j <= k.
 
 All pairs, and not the steps alone: a compass that was used over the window is off by the whole change. With horizontal
-strength H, the heading of the field changes by asin(limit / H) at most. Static is not right: a field can differ from
-the Earth's and stay so (`measure_compass_deviation`).
+strength H its heading changes by asin(limit / H) at most. Static is not right: a field can differ from the Earth's and
+stay so (`measure_compass_deviation`).
 
 ROC. A detector declares a signal where its statistic is below a threshold; the signal is the quasi-static field, as in
 Ma 2018, Figure 8:
@@ -18,7 +18,7 @@ Ma 2018, Figure 8:
 The curve goes through one point for each distinct value of the statistic, so ties make one sloping stroke. Cases
 without a statistic do not count.
 
-Bands. Neighboring stances share their field and their window; walks of different seeds share nothing. So each band is
+Bands. Neighbouring stances share their field and their window; walks of different seeds share nothing. So each band is
 a jackknife over walks: with a_w the figure without walk w, all on the scale of the logit,
 
     sigma^2 = (W - 1) / W sum_w (a_w - mean a)^2,        band = a +- t_{W-1} sigma.
@@ -34,21 +34,21 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import combinations
-from typing import TypeAlias
 
 import numpy as np
+from scipy.special import expit, logit
 from scipy.stats import t as student_t
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EvaluationError
 from fg_nav.frames import wrap_angle
 
-LEVEL = 0.9  # Of bands, where nothing else is said.
+LEVEL = 0.9  # Probability of a band.
 
 
 @dataclass(frozen=True)
 class Band:
-    """A figure, and between which two values it lies with a given probability; 0 and 1 where nothing is known."""
+    """A figure, and between which two values it lies with probability `LEVEL`; 0 and 1 where nothing is known."""
 
     value: float
     low: float
@@ -90,33 +90,30 @@ class Roc:
     @property
     def area(self) -> float:
         """Area under the curve: 0.5 is guessing, 1 is never wrong."""
-        return float(_compute_areas(_sum_walks(self.signals), _sum_walks(self.others))[0])
+        return float(np.trapezoid(self.p_d, self.p_fa))
 
     def at(self, threshold: float) -> tuple[float, float]:
         """P_D and P_FA with this threshold."""
         k = self._below(threshold)
         return float(self.p_d[k]), float(self.p_fa[k])
 
-    def area_band(self, level: float = LEVEL) -> Band:
+    def area_band(self) -> Band:
         """Area under the curve with its band.
 
-        Raises `EvaluationError` with one walk only, here as in all bands.
+        Raises `EvaluationError` with one walk only, as `band_at` does.
         """
         fewest = min(self.signals[:, -1].sum(), self.others[:, -1].sum())
-        left_out = _compute_areas(_leave_one_out(self.signals), _leave_one_out(self.others))
-        return _make_band(_jackknife(np.array([self.area]), left_out[:, None], fewest, level))
+        p_d, p_fa = (_compute_shares(_leave_one_out(counts)) for counts in (self.signals, self.others))
+        return _find_band(self.area, np.asarray(np.trapezoid(p_d, p_fa, axis=1)), fewest)
 
-    def band_at(self, threshold: float, level: float = LEVEL) -> tuple[Band, Band]:
+    def band_at(self, threshold: float) -> tuple[Band, Band]:
         """P_D and P_FA with this threshold, each with its band."""
         k = self._below(threshold)
-        found = []
-        for counts in (self.signals, self.others):
-            share, left_out = (
-                _compute_shares(_sum_walks(counts))[0, [k]],
-                _compute_shares(_leave_one_out(counts))[:, [k]],
-            )
-            found.append(_make_band(_jackknife(share, left_out, counts[:, -1].sum(), level)))
-        return found[0], found[1]
+        p_d, p_fa = (
+            _find_band(value, _compute_shares(_leave_one_out(counts))[:, k], counts[:, -1].sum())
+            for value, counts in zip(self.at(threshold), (self.signals, self.others), strict=True)
+        )
+        return p_d, p_fa
 
     def _below(self, threshold: float) -> int:
         """Index along the curve: how many distinct values are below the threshold."""
@@ -136,26 +133,19 @@ def make_roc(statistic: Floats, signal: Bools, walk: Ints | None = None) -> Roc:
     Raises `EvaluationError` where there is no case with a statistic, or none of one kind.
     """
     judged = np.isfinite(statistic)
-    _check(signal[judged], len(statistic))
+    kind = signal[judged]
+    if not len(kind):
+        raise EvaluationError(f"none of the {len(statistic)} cases has a statistic: without one there is no ROC.")
+    if kind.all() or not kind.any():
+        words = "are all signals" if kind.all() else "have no signal among them"
+        raise EvaluationError(f"the {len(kind)} judged cases {words}: a ROC needs both kinds, try another limit.")
     numbers = np.zeros(len(statistic), dtype=np.int64) if walk is None else walk
     walks, row = np.unique(numbers[judged], return_inverse=True)
     values, column = np.unique(statistic[judged], return_inverse=True)
-    kinds = [_count_cases(row, column, signal[judged] == kind, (len(walks), len(values))) for kind in (True, False)]
-    return Roc(values, *kinds)
-
-
-def _check(signal: Bools, cases: int) -> None:
-    if not len(signal):
-        raise EvaluationError(f"none of the {cases} cases has a statistic: without one there is no ROC.")
-    if signal.all() or not signal.any():
-        kind = "are all signals" if signal.all() else "have no signal among them"
-        raise EvaluationError(f"the {len(signal)} judged cases {kind}: a ROC needs both kinds, try another limit.")
-
-
-def _count_cases(walk: Ints, column: Ints, chosen: Bools, shape: tuple[int, int]) -> Ints:
-    """(W, T) cases of a walk up to each value."""
-    flat = np.bincount(walk[chosen] * shape[1] + column[chosen], minlength=shape[0] * shape[1])
-    return np.asarray(np.cumsum(flat.reshape(shape), axis=1), dtype=np.int64)
+    counts = np.zeros((2, len(walks), len(values)), dtype=np.int64)
+    np.add.at(counts, (kind.astype(np.int64), row, column), 1)
+    others, signals = np.cumsum(counts, axis=2)
+    return Roc(values, signals, others)
 
 
 def _sum_walks(counts: Ints) -> Ints:
@@ -176,49 +166,27 @@ def _compute_shares(counts: Ints) -> Floats:
         return np.pad(counts / counts[:, -1:], ((0, 0), (1, 0)))
 
 
-def _compute_areas(signals: Ints, others: Ints) -> Floats:
-    """(B,) areas under the curves of counts (B, T)."""
-    return np.asarray(np.trapezoid(_compute_shares(signals), _compute_shares(others), axis=1))
-
-
-def _jackknife(value: Floats, left_out: Floats, cases: int, level: float) -> tuple[Floats, Floats, Floats]:
-    """Shares (G,) with low and high, from the same with each walk left out (W, G); half a case off 0 and 1."""
+def _find_band(value: float, left_out: Floats, cases: int) -> Band:
+    """Band of a share, from the same with each walk left out (W,); half a case off 0 and 1."""
     walks, edge = len(left_out), 0.5 / (cases + 1)
-    near, far = (_logit(np.clip(share, edge, 1 - edge)) for share in (value, left_out))
-    sigma = np.sqrt((walks - 1) * np.var(far, axis=0))
-    reach = student_t.ppf((1 + level) / 2, walks - 1) * sigma
-    low, high = _invert_logit(near - reach), _invert_logit(near + reach)
-    return value, np.fmin(np.nan_to_num(low, nan=0.0), value), np.fmax(np.nan_to_num(high, nan=1.0), value)
+    near, far = (logit(np.clip(share, edge, 1 - edge)) for share in (value, left_out))
+    reach = student_t.ppf((1 + LEVEL) / 2, walks - 1) * np.sqrt((walks - 1) * np.var(far))
+    if not np.isfinite(reach):
+        return Band(value, 0.0, 1.0)
+    return Band(value, min(float(expit(near - reach)), value), max(float(expit(near + reach)), value))
 
 
-def _make_band(found: tuple[Floats, Floats, Floats]) -> Band:
-    value, low, high = (float(part[0]) for part in found)
-    return Band(value, low, high)
-
-
-def _logit(share: Floats) -> Floats:
-    return np.asarray(np.log(share / (1 - share)))
-
-
-def _invert_logit(logit: Floats) -> Floats:
-    return np.asarray(1 / (1 + np.exp(-logit)))
-
-
-_Distance: TypeAlias = Callable[[Floats, Floats], Floats]
+# --- what is true ----------------------------------------------------------------------------------------------------
 
 
 def measure_field_change(nav_field: Floats, window: int) -> Floats:
-    """Largest change (F,) uT of the true field over the window of each stance; NaN before the first whole window.
+    """Largest change (F,) uT of the true field's vector over the window of each stance; NaN before a whole window.
 
     `nav_field` (F, 3) uT is true, in nav, at the footfalls; `window` is N, the steps in it.
 
     Raises `EvaluationError` for a window of no step, or a walk that is shorter than one window.
     """
-    if window < 1 or len(nav_field) <= window:
-        raise EvaluationError(
-            f"a window of {window} steps cannot be laid over {len(nav_field)} stances: "
-            f"it needs one step, and {window + 1} stances."
-        )
+    _check_window(nav_field, window)
     return _find_largest(nav_field, window, lambda a, b: np.linalg.norm(a - b, axis=1))
 
 
@@ -237,11 +205,18 @@ def measure_course_change(position: Floats, window: int) -> Floats:
 
     Raises `EvaluationError` as `measure_field_change`.
     """
-    if window < 1 or len(position) <= window:
-        raise EvaluationError(f"a window of {window} steps cannot be laid over {len(position)} stances: walk farther.")
+    _check_window(position, window)
     course = _bearing(np.diff(position, axis=0))
     change = _find_largest(course, window - 1, lambda a, b: np.abs(wrap_angle(a - b)))
     return np.concatenate([[np.nan], change])
+
+
+def _check_window(of_stances: Floats, window: int) -> None:
+    if window < 1 or len(of_stances) <= window:
+        raise EvaluationError(
+            f"a window of {window} steps cannot be laid over {len(of_stances)} stances: "
+            f"it needs one step, and {window + 1} stances."
+        )
 
 
 def _bearing(vector: Floats) -> Floats:
@@ -249,11 +224,10 @@ def _bearing(vector: Floats) -> Floats:
     return np.asarray(np.arctan2(vector[..., 0], vector[..., 1]))
 
 
-def _find_largest(values: Floats, window: int, distance: _Distance) -> Floats:
+def _find_largest(values: Floats, window: int, distance: Callable[[Floats, Floats], Floats]) -> Floats:
     """Largest distance (F,) between any two of the `window` + 1 values up to each; NaN before."""
     count = len(values) - window
-    at = [values[lag : lag + count] for lag in range(window + 1)]
     largest = np.zeros(count)
-    for a, b in combinations(at, 2):
+    for a, b in combinations([values[lag : lag + count] for lag in range(window + 1)], 2):
         largest = np.maximum(largest, distance(a, b))
     return np.concatenate([np.full(window, np.nan), largest])

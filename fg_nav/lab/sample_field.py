@@ -37,22 +37,14 @@ SIGMA_UT = 0.15  # Of one sample of |B|: noise, 0.11 on the simulated MTw, and t
 MATTERS_UT = 0.5  # Least change over the window to be rejected: across a field of 48 uT a turn of half a degree.
 SETTINGS: Mapping[str, float] = MappingProxyType(
     {
-        "window_s": WINDOW_S,
-        "sigma_uT": SIGMA_UT,
-        "matters_uT": MATTERS_UT,
-        "false_alarm_rate": FALSE_ALARM_RATE,
+        "window_s": WINDOW_S, "sigma_uT": SIGMA_UT, "matters_uT": MATTERS_UT, "false_alarm_rate": FALSE_ALARM_RATE,
     }
-)  # For a file of results.
+)  # fmt: skip  # For a file of results.
 
 
 @dataclass(frozen=True)
 class Disturbance(OverThreshold):
-    """Verdicts on each of N samples.
-
-    Attributes
-    ----------
-    statistic : (N,) over its threshold; NaN where there were too few samples of the field.
-    """
+    """Verdicts on each of N samples."""
 
     statistic: Floats
 
@@ -64,7 +56,7 @@ def find_sample_threshold(count: int) -> float:
 
 
 def judge_samples(recording: Recording) -> Disturbance:
-    """Judge the field at each sample by the window that ends there.
+    """Judge the field at each sample by the window that ends there; NaN where that has too few of the field.
 
     Raises `MagneticError` without a magnetometer, or if no window has enough samples of the field.
     """

@@ -12,7 +12,7 @@ other share large iron. Below, a chance alignment lies anywhere in the area, and
 exp(-D^2 / 2): expected = chance(S) exp(D^2 / 2).
 
 Likeness. At one place the score is 0.95 nats a metre where the model is right, 0.3 to 1.2 on real and simulated walks
-(`scripts/place_recognition.py`); a long stretch of less than `MIN_LIKENESS` resembles, as the next corridor does.
+(`place_recognition.py` of b894e160); a long stretch of less than `MIN_LIKENESS` resembles, as the next corridor does.
 
 Rivals. A stretch that resembles two places, b as well as a, which are not one by the path's own uncertainty, is a
 with the odds of their scores only,
@@ -77,7 +77,7 @@ MIN_LIKENESS = 0.2  # Score of a stretch, nats a metre: a fifth of what the mode
 MAX_CHANCE_M2 = 5e5  # Area in which chance alignments are counted: there are some hundred in it.
 PART_M = 2000.0  # Of a walk, half an hour.
 AVERAGE_M = 6.0  # Over which the steps of an alignment are averaged: its points are 0.5 m apart, the path is even.
-ALONG_SIGMA_M = 0.3  # Of a tie along the path: 0.2 m rms on simulated rough floors (`scripts/place_recognition.py`).
+ALONG_SIGMA_M = 0.3  # Of a tie along the path: 0.2 m rms on simulated rough floors (the same script).
 LATERAL_SIGMA_M = 0.6  # Of a tie to the side: two walks along one corridor, each within 0.4 m of its middle line.
 UP_SIGMA_M = 0.2  # Of the heights: a floor is level, a ramp is not at the tie's own sigma along it.
 HEADING_SIGMA_RAD = np.deg2rad(8.0)  # Of the directions of walking there: 0.35 m aside within 5 m.

@@ -15,7 +15,7 @@ so that a foot counts while it moves and a stance, however long, is one point of
     b_along = b . u,    b_left = b . l,    b_up.
 
 This mean repeats, and the value at a footfall does not: coherence of two passes 0.35 m (rms) apart, wavelengths of 5 to
-10 m, 0.92-0.95, 0.7-0.8, 0.6-0.9 against 0.70, 0.5, 0.6 (`scripts/place_recognition.py coherence`).
+10 m, 0.92-0.95, 0.7-0.8, 0.6-0.9 against 0.70, 0.5, 0.6 (`place_recognition.py coherence` of b894e160).
 
 The walking direction is that of a chord of 3 m. In reverse of the walk b_along and b_left change sign, b_up does not.
 

@@ -10,7 +10,7 @@ gap are
 W and c by least squares over the windows of the recording, as wide and without a gap, that look most like it: a local
 linear regression (Cleveland 1979). Its sigma is measured: the larger of what either half of these windows misses the
 other by, times what W and c are uncertain by, and of what is in m and in none of these windows. Over a gap of four
-samples in a swing at 100 Hz yaw is off by 2.1 deg rms held, 1.5 interpolated, 0.13 learned (`scripts/sample_errors.py
+samples in a swing at 100 Hz yaw is off by 2.1 deg rms held, 1.5 interpolated, 0.13 learned (`sample_errors.py
 gaps`). Where there is too little to learn from, and over gaps too long for a mean to stand for what moved, l is the
 linear interpolation, and its sigma the spread s of the recording; in a gap of T > `MAX_S` no less than the spread of a
 walking foot: a foot that stood before the gap may have walked in it.

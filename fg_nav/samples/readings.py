@@ -14,7 +14,7 @@ since a shoe that is struck turns: where the forces of a run are good they count
 sample every T s f = 2.2 sqrt(T / 5 ms), and no less than 2.2; where samples are missing it is larger by the square of
 how much longer the run with its neighbors lasts, and at either end, where one side alone shows how shaken the motion
 is, three times as large. No sample of 80 real recordings is found, and in all but four none with half of that f
-(`scripts/sample_faults.py clean`). A run is sought from the first sample on, each next to good ones: a stream finds the
+(`sample_faults.py` of b894e160). A run is sought from the first sample on, each next to good ones: a stream finds the
 same `LOOK_AHEAD` samples later.
 
 Clipping. A sensor at the end of its range cuts the tops of its peaks, of which calibration or filtering behind it
@@ -38,7 +38,7 @@ motions of a multiple of it, so of H there is taken
     H / (1 + H / (`MAX_RANGES` L)),
 
 and of its area, two thirds of height times T: never less than what was read. What is rebuilt is off by `OFF_SHARE` of
-the parabola with d = 0, one sigma, and that is one error for the whole run (`scripts/sample_errors.py peaks`). Runs of
+the parabola with d = 0, one sigma, and that is one error for the whole run (`sample_errors.py` of b894e160). Runs of
 more than `MAX_S`, and those without flanks, are left as they are, and may hide as much as they show.
 """
 
@@ -58,7 +58,7 @@ LONGEST = 6  # Samples of a run; a longer one is a motion, or a sensor that has 
 AROUND = 4  # Samples on either side that show how shaken it is; `LONGEST` - 2, so that near runs are one, or apart.
 LAST = 2  # Samples at the very end that may be a run without others behind it; more are a motion that was cut off.
 LOOK_AHEAD = LONGEST + AROUND + 1  # Samples that must be there behind one at which a run may begin.
-FACTOR, PERIOD_S = 2.2, 5e-3  # f up to this period: 1.6 times what any recording needs (`sample_faults.py clean`).
+FACTOR, PERIOD_S = 2.2, 5e-3  # f up to this period: 1.6 times what any recording needs (the same script).
 GYR_RAD_S, GYR_SHAKEN, GYR_STRUCK = 1.0, 2.0, 0.1
 ACC_M_S2, ACC_SHAKEN = 20.0, 6.0
 ACC_OUT, GYR_OUT, MAG_OUT = 1, 2, 4  # Of which sensor a run was found; the sum where it is of more.

@@ -16,7 +16,7 @@ from fg_nav.io import FORMATS, read, read_raw, read_truth, write_tum
 from tests.io.samples import WRITERS, tilting
 from tests.scripts import load_script
 
-mutations = load_script("fuzz_mutations")
+mutations = load_script("fuzz.mutations")
 
 RELAXED = settings(
     max_examples=30,
@@ -29,7 +29,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 
 def damage(whole: bytes) -> st.SearchStrategy[bytes]:
-    """Break a file in one to three ways, as `scripts/fuzz.py` does."""
+    """Break a file in one to three ways, as `scripts/fuzz/run.py` does."""
     return SEEDS.map(lambda seed: mutations.mutate_bytes(whole, np.random.default_rng(seed))[0])
 
 

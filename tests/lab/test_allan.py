@@ -9,8 +9,6 @@ from scipy.signal import fftconvolve
 
 from fg_nav.errors import CalibrationError
 from fg_nav.lab.allan import (
-    FLOOR,
-    choose_averaging_factors,
     compute_allan_curve,
     compute_covariance_products,
     find_longest_stillness,
@@ -19,7 +17,6 @@ from fg_nav.lab.allan import (
 )
 from fg_nav.lab.simulation import SCENARIOS, simulate
 from fg_nav.lab.simulation.plan import Stand
-from fg_nav.lab.simulation.sensors import ClockPrior, preset
 from fg_nav.recording import Recording
 
 PERIOD_S = 0.01
@@ -67,28 +64,6 @@ def test_published_deviations():
     assert readings.std(ddof=1) == pytest.approx(2.884664e-01, abs=1e-7)
     found = compute_allan_curve(readings, 1.0, np.array([1, 10, 100])).deviation
     np.testing.assert_allclose(found, [2.922319e-01, 9.159953e-02, 3.241343e-02], rtol=2e-7)
-
-
-def test_deviations_of_another_implementation():
-    allantools = pytest.importorskip("allantools", reason="a development-only check")
-    readings = noise(0.01, 0.02, 0.02, 3, count=3001)
-    factors = choose_averaging_factors(len(readings))
-    tau_s, theirs, _, _ = allantools.oadev(readings, rate=1 / PERIOD_S, data_type="freq", taus=factors * PERIOD_S)
-    ours = compute_allan_curve(readings, PERIOD_S, factors)
-    np.testing.assert_allclose(ours.tau_s, tau_s)
-    np.testing.assert_allclose(ours.deviation, theirs, rtol=1e-9)
-
-
-@pytest.mark.parametrize(("kind", "alpha"), [(0, 0), (1, -1), (2, -2)], ids=KINDS)
-def test_degrees_of_freedom_of_another_implementation(kind, alpha):
-    """Greenhall and Riley's edf, which is for averages of many samples: theirs is of continuous noise."""
-    allantools = pytest.importorskip("allantools", reason="a development-only check")
-    count = 4000
-    for m in (16, 100, 400, 1000):
-        level = (1 / m, FLOOR**2, m / 3)[kind]
-        ours = 2 * level**2 / compute_covariance_products(count, (m,))[kind, kind, 0, 0]
-        theirs = allantools.edf_greenhall(alpha, 2, m, count + 1, overlapping=True)
-        assert ours == pytest.approx(theirs, rel=0.06)
 
 
 def test_the_covariance_of_the_variances_is_that_over_many_records():
@@ -158,14 +133,6 @@ def test_a_bent_short_end_is_left_out(bent):
     assert np.mean([fit.flicker.seen or fit.walk.seen for fit in found]) < 0.2
 
 
-def test_units_and_period_do_not_matter():
-    """The same readings twice as large and half as often: N, B and K follow their units."""
-    readings = noise(0.01, 0.03, 0.02, 0)
-    one, other = fit_noise(compute_allan_curve(readings, 0.01)), fit_noise(compute_allan_curve(2e-6 * readings, 0.04))
-    for kind, factor in zip(KINDS, (4.0, 2.0, 1.0), strict=True):
-        assert getattr(other, kind).value == pytest.approx(1e-6 * factor * getattr(one, kind).value, rel=1e-6)
-
-
 def test_a_mean_and_a_constant_reading_are_no_noise():
     readings = noise(0.01, 0.0, 0.0, 0)
     np.testing.assert_allclose(
@@ -182,11 +149,6 @@ def test_a_mean_and_a_constant_reading_are_no_noise():
 def test_what_makes_no_curve_is_refused(count, factors):
     with pytest.raises(CalibrationError, match=r"readings make no|do not fit"):
         compute_allan_curve(np.arange(float(count)), PERIOD_S, None if factors is None else np.array(factors))
-
-
-def test_missing_readings_make_no_curve():
-    with pytest.raises(CalibrationError, match="missing"):
-        compute_allan_curve(np.where(np.arange(100) == 50, np.nan, 1.0), PERIOD_S)
 
 
 def at_rest(sensor, minutes, seed=1):
@@ -211,16 +173,6 @@ def test_the_noise_of_the_simulated_sensors_is_found(sensor):
             assert fit.white.value == pytest.approx(density, rel=0.03)
 
 
-def test_the_walk_of_a_simulated_bias_is_found_in_an_hour():
-    """Beside a Gauss-Markov process, which is neither flicker nor walk and takes the fit for a tenth."""
-    gyroscope_only = replace(preset("xsens-mtw"), mag=None, clock=ClockPrior())  # and no sample is lost
-    recordings = [at_rest(gyroscope_only, 60, seed).recording for seed in (1, 2)]
-    walks = [fit.walk for recording in recordings for fit in measure_recording_noise(recording).sensors[0].fits]
-    assert all(walk.seen for walk in walks)
-    values = [walk.value for walk in walks]
-    assert np.median(values) == pytest.approx(SCENARIOS["at-rest"].prior.gyr.drift.walk, rel=0.25)
-
-
 def test_a_magnetometer_with_a_rate_of_its_own_is_read_at_its_own_rows():
     walk = at_rest("mpu-9250", minutes=2)
     assert np.isnan(walk.recording.mag).any()
@@ -243,16 +195,6 @@ def test_the_longest_stretch_without_a_touch_is_taken():
     start, stop = find_longest_stillness(Recording(recording.t, acc, gyr))
     assert start == pytest.approx(10_100, abs=100)
     assert stop == pytest.approx(25_000, abs=100)
-
-
-def test_missing_samples_do_not_matter():
-    recording = still(200.0, np.random.default_rng(1))
-    kept = np.random.default_rng(2).random(len(recording)) > 0.01
-    fewer = Recording(recording.t[kept], recording.acc[kept], recording.gyr[kept])
-    whole, holed = measure_recording_noise(recording), measure_recording_noise(fewer)
-    for one, other in zip(whole.sensors, holed.sensors, strict=True):
-        for fit, again in zip(one.fits, other.fits, strict=True):
-            assert again.white.value == pytest.approx(fit.white.value, rel=0.03)
 
 
 @pytest.mark.parametrize("make", [lambda: still(25.0, np.random.default_rng(0)), lambda: simulate("demo", 1).recording])

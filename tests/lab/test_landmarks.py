@@ -20,21 +20,14 @@ def eastward():
     return path, np.column_stack([AT_S, np.zeros((len(AT_S), 2))])
 
 
-def test_mean_and_maximum_of_known_errors():
+def test_errors_are_over_the_ground():
     path, places = eastward()
-    off = np.array([[0.3, 0.4], [0.0, 2.0], [0.0, 0.0], [-0.5, 0.0], [0.0, 1.0], [3.0, 4.0]])
-    found = measure_landmarks(solution(T, path), NAMES, AT_S, places[:, :2] - off, align(path, path, "none"))
-    np.testing.assert_allclose(found.error_m, [0.5, 2.0, 0.0, 0.5, 1.0, 5.0], atol=1e-12)
-    assert (len(found), found.mean_m, found.max_m) == (6, pytest.approx(1.5), pytest.approx(5.0))
-    assert found.mean_of_landmark_m == pytest.approx({"A": 0.5, "B": 1.5, "C": 2.5})
-
-
-def test_height_does_not_count():
-    path, places = eastward()
-    found = measure_landmarks(
-        solution(T, path), NAMES, AT_S, places + np.array([0.0, 0.0, 9.0]), align(path, path, "none")
+    off = np.array(
+        [[0.3, 0.4, 9.0], [0.0, 2.0, 0.0], [0.0, 0.0, 9.0], [-0.5, 0.0, 0.0], [0.0, 1.0, 0.0], [3.0, 4.0, 0.0]]
     )
-    assert found.max_m == pytest.approx(0.0, abs=1e-12)
+    found = measure_landmarks(solution(T, path), NAMES, AT_S, places - off, align(path, path, "none"))
+    np.testing.assert_allclose(found.error_m, [0.5, 2.0, 0.0, 0.5, 1.0, 5.0], atol=1e-12)
+    assert found.landmark == NAMES
 
 
 def test_the_alignment_of_the_footfalls_is_used_and_not_one_of_the_landmarks():
@@ -42,19 +35,10 @@ def test_the_alignment_of_the_footfalls_is_used_and_not_one_of_the_landmarks():
     places = np.column_stack([np.interp(AT_S, T, axis) for axis in path.T])
     turned = (path - path[0]) @ yaw_rotation(0.2).T + [1.0, 2.0, 3.0]
     found = solution(T, turned)
-    assert measure_landmarks(found, NAMES, AT_S, places, align(turned, path, "yaw")).max_m < 1e-9
+    assert measure_landmarks(found, NAMES, AT_S, places, align(turned, path, "yaw")).error_m.max() < 1e-9
     started = measure_landmarks(found, NAMES, AT_S, places, align(turned, path, "origin"))
     apart = np.linalg.norm((places - path[0])[:, :2], axis=1)
     np.testing.assert_allclose(started.error_m, 2 * np.sin(0.1) * apart)
-
-
-def test_a_drift_of_heading_shows_in_proportion_to_the_way():
-    """Ma's picture: with a constant rate of drift the error at a landmark grows from lap to lap."""
-    path, places = eastward()
-    drifted = path.copy()
-    drifted[:, 1] = 0.01 * T**2 / 2
-    error = measure_landmarks(solution(T, drifted), NAMES, AT_S, places, align(path, path, "none")).error_m
-    np.testing.assert_allclose(error, 0.005 * AT_S**2, rtol=0.02)
 
 
 def test_ma_s_figures():

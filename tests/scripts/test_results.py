@@ -15,11 +15,9 @@ from tests.scripts import load_script
 
 ROOT = Path(__file__).parents[2]
 script = load_script("write_results")
-tables = load_script("walk_tables")
 
 PAGE = ROOT / "docs" / "results.md"
-FILES = [PAGE.parent / "results" / f"{name}.json" for name in ("ma2018", "aiez2017", "munoz-diaz2017")]
-WALKS, COVERAGE, BENCHMARK = (PAGE.parent / "results" / f"{name}.json" for name in script.MEASURED)
+STORE = sorted((PAGE.parent / "results").glob("*.json"))
 
 
 @pytest.fixture
@@ -46,7 +44,7 @@ def test_every_row_has_a_line_with_its_verdict_and_its_reason(found):
 @pytest.fixture
 def project(tmp_path):
     """The pages with results in them, and the files that they are written from."""
-    for path in (ROOT / "README.md", *(ROOT / "docs").glob("*.md"), *FILES, WALKS, COVERAGE, BENCHMARK):
+    for path in (ROOT / "README.md", *(ROOT / "docs").glob("*.md"), *STORE):
         copy = tmp_path / path.relative_to(ROOT)
         copy.parent.mkdir(parents=True, exist_ok=True)
         copy.write_bytes(path.read_bytes())
@@ -88,55 +86,24 @@ def test_the_lines_of_other_pages_name_paper_row_and_three_figures(found, monkey
 
 def test_all_pages_are_what_the_script_writes_from_the_files():
     script.main(["--check"])
-    assert all(path.stat().st_size < 200_000 for path in (*FILES, WALKS, COVERAGE, BENCHMARK))
+    assert all(path.stat().st_size < 200_000 for path in STORE)
 
 
-def test_every_block_stands_in_one_page():
-    pages = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-    found = [name for page in pages for name in re.findall(r"<!-- written: ([\w-]+) -->", page.read_text("utf-8"))]
-    assert sorted(found) == sorted(script.BLOCKS)
+def test_a_table_has_its_date_its_commit_and_whether_the_code_has_changed(monkeypatch):
+    monkeypatch.setattr(script, "has_changed", lambda commit: commit == "abc")
+    made = {
+        "a": {"date": "2026-11-26", "commit": "abc", "seeds": "1 to 2"},
+        "b": {"date": "2026-11-26", "commit": "def"},
+    }
+    words = script.describe_stamps("coverage", made)
+    assert (
+        words
+        == "*`scripts/measure.py coverage`, 2026-11-26, commit abc and def, seeds 1 to 2. The code has changed since.*"
+    )
+    assert "changed" not in script.describe_stamps("coverage", {"b": made["b"]})
 
 
 def test_figures_of_the_real_walks_are_their_means_and_medians():
-    walks = json.loads(WALKS.read_text())
-    rmse = [one["rmse_2d_m"] for one in walks["walks"] if (one["section"], one["method"]) == (tables.FOOTPRINTS, "iez")]
-    assert tables.of(walks, tables.FOOTPRINTS, "iez", "rmse_2d_m") == f"{np.mean(rmse):.3f} / {np.median(rmse):.3f}"
-    without = [one["without"] for one in walks["magnetometer"] if one["group"] == "gdin"]
-    inertial = [
-        one["rmse_2d_m"]
-        for one in walks["walks"]
-        if (one["section"], one["method"]) == (tables.FOOTPRINTS, tables.INERTIAL)
-    ]
-    assert without == pytest.approx(inertial, abs=1e-4)  # two ways to the same figure
-
-
-def test_ends_walks_behind_and_levels_are_written(monkeypatch):
-    def row(section, walk, method, **more):
-        return {"section": section, "walk": walk, "method": method, "verdict": "trusted", **more}
-
-    ends = {"ground_m": 0.30, "z_m": -0.5, "ground_ratio": 1.0, "z_ratio": -2.0}
-    mtig = [row(part, "up", "smoother", **ends) for part in (tables.MTIG, tables.MTIG + tables.AIR)]
-    rounds = [row(tables.ROUND, "a", "smoother", **ends), row(tables.ROUND, "a", "iez", ground_m=0.26)]
-    rounds += [row(tables.ROUND, "b", "smoother", **ends | {"z_m": 0.7}), row(tables.ROUND, "b", "iez", ground_m=0.28)]
-    walks = {"walks": [*mtig, row(tables.MTIG, "up", "iez", ground_m=0.4), *rounds]}
-    assert tables.write_passes(walks)[2] == "| `up` | 0.30 | -0.50 ± 0.25 | 0.30 | -0.50 ± 0.25 | 0.40 | trusted |"
-    assert tables.write_behind(walks)[2:] == ["| mti, round | a | 0.300 | 0.260 |"]  # b is behind by 2 cm
-    monkeypatch.setattr(tables, "CLOSED", {tables.ROUND: "rounds"})
-    closed = [*rounds, row(tables.MEMS + tables.AIR, "c", "smoother", **ends)]
-    [ours] = [line for line in tables.write_closed({"walks": closed}) if "rounds" in line and "`inertial`" in line]
-    assert ours.endswith("| `inertial` | 0.30 / 0.30 | 1.00 | 0.60 / 0.70 | 2.00 | 2 / 0 / 0 |")
-    levels = [{"walk": "a", "level": level, "error_m": 1.0, "sigma_m": 2.0} for level in ("as chosen", "3e-04")]
-    assert tables.write_bias_walk({"bias_walk": levels}) == [
-        "| end off / sigma, m | as chosen | 3e-04 |",
-        "|---|---:|---:|",
-        "| a | 1.00 / 2.00 | 1.00 / 2.00 |",
-    ]
-
-
-def test_no_page_has_a_figure_of_the_real_walks_but_in_the_tables_that_are_written():
-    """A mean or median over the gdin walks in prose would be another source of it."""
-    for page in (ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*.md")):
-        prose = script.MARKED.sub("", page.read_text(encoding="utf-8"))
-        paragraphs = [one for one in re.split(r"\n\s*\n|\n(?=- )", prose) if "gap" not in one]
-        figures = [re.findall(r"\bgdin\b[^;|]{0,100}?\b0\.\d\d+ (?:m|in|with|for|to)\b", one) for one in paragraphs]
-        assert not any(figures), page.name
+    rows = json.loads((PAGE.parent / "results" / "real-walks.json").read_text())["rows"]
+    rmse = [one["rmse_2d_m"] for one in rows if (one["section"], one["variant"]) == ("gdin", "iez")]
+    assert f"{np.mean(rmse):.3f} / {np.median(rmse):.3f}" in (ROOT / "README.md").read_text(encoding="utf-8")

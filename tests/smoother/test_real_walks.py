@@ -1,6 +1,6 @@
 """Real walks, a few of the many: loose bounds that a broken smoother does not meet.
 
-The promised figures over all of them are printed by `scripts/real_walks.py`.
+The promised figures over all of them are printed by `scripts/measure.py real-walks`.
 """
 
 import numpy as np

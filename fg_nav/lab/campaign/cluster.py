@@ -1,57 +1,52 @@
-"""The Dask cluster that a campaign works on, local for its own time or the user's by its address, and its workers."""
+"""Tasks on a Dask cluster: a local one for as long as they run, or the user's by the address of its scheduler.
+
+Dask gives the tasks to workers, balances them, and repeats what a dead worker had. A task that ends worker after worker
+is given up; its results are then made one by one, and one that is given up alone is a result that failed. Nothing is
+lost with a scheduler, since each walk is stored when it is done: the campaign ends with a sentence, and goes on with
+the same command.
+"""
 
 from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable, Collection, Iterator, Sequence
-from concurrent.futures import CancelledError
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from threading import Event
-from time import monotonic
+import signal
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import replace
 from typing import Any, TypeAlias
 
 from fg_nav.errors import CampaignError
-from fg_nav.lab.campaign.execute import Task, TaskResults, describe_error, run_task
+from fg_nav.lab.campaign.execute import Task, run_task
+from fg_nav.lab.campaign.walks import pack
 from fg_nav.lab.store.code import code_sum
+from fg_nav.lab.store.results import Result
+from fg_nav.system.processes import catch_signals
 
-EXTRA = "campaign"
+KILLED = "it ended its worker, again and again: out of memory, or a crash"  # Reason of a result that was given up.
 
-DEATHS = 3  # Workers that a task may end on a local cluster; on the user's, its scheduler counts.
-PATIENCE_S = 300.0  # For a scheduler or workers that are gone: a restart takes seconds, a node of a queue minutes.
-
+RETRIES = 2  # Of a task that could not be started, on a disk that is full for example: mostly on another worker.
 CONNECT_S = 10.0
-RETRY_S = 1.0
-
+PATIENCE_S = 300.0  # For the first worker: a node of a queue takes minutes.
+TICK_S = 0.2  # Between two looks at what is done, and at Ctrl-C.
 LAST_PORT = 65535
 
-REST_S = 10.0  # For a worker that could not start a task.
-LOOK_S = 1.0  # How often the workers are looked at.
-
 Client: TypeAlias = Any
-
-Notify: TypeAlias = Callable[[str], None]
-"""Shows the user a sentence."""
-
-BROKEN = (OSError, RuntimeError, ValueError, CancelledError)  # What Dask raises if a connection breaks.
-
-_CODE_THERE = "__import__('fg_nav.lab.store.code', fromlist=['code_sum']).code_sum()"
+Notify: TypeAlias = Callable[[str], None]  # Shows the user a sentence.
 
 _ADDRESS = re.compile(r"(?P<by>tcp|tls)://(\[[0-9a-fA-F:.%]+\]|[\w.-]+):(?P<port>[0-9]+)")
 
 _LOCAL = {
     "distributed.deploy.lost-worker-timeout": f"{PATIENCE_S:.0f}s",  # a busy machine takes long to start another
-    "distributed.scheduler.allowed-failures": DEATHS - 1,
-    "distributed.scheduler.worker-saturation": 1.0,
+    "distributed.scheduler.worker-saturation": 1.0,  # no walk waits on a worker, and is blamed for its death
     "distributed.worker.memory.target": False,  # nothing is stored there that could be put to disk
     "distributed.worker.memory.spill": False,
     "distributed.worker.memory.pause": False,  # a paused worker would never be given work again
     "distributed.worker.memory.terminate": 0.95,
     # Ctrl-C goes to all processes of a terminal: the campaign ends its workers, which would print tracebacks
     "distributed.worker.preload": ["import signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\n"],
-}
-"""Settings of a local cluster."""
+}  # Settings of a local cluster.
 
 
 def check_installed() -> None:
@@ -62,7 +57,7 @@ def check_installed() -> None:
         import pyarrow  # noqa: F401
     except ImportError as error:
         raise CampaignError(
-            f"campaigns need Dask and Arrow, and {error.name} is not there: pip install 'fg-nav[{EXTRA}]'."
+            f"campaigns need Dask and Arrow, and {error.name} is not there: pip install 'fg-nav[campaign]'."
         ) from None
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # workers that die are handled here
     dask.config.set({"logging.distributed": "critical"})
@@ -80,195 +75,133 @@ def check_address(address: str) -> None:
         raise CampaignError(f"Dask has no certificates for {address}: name them in its configuration, or use tcp.")
 
 
-@dataclass(frozen=True)
-class Cluster:
-    """Where the tasks run.
+def run_on_dask(
+    tasks: Sequence[Task], scheduler: str | None, workers: int, notify: Notify
+) -> Iterator[tuple[Result, ...]]:
+    """Execute tasks on the cluster of a scheduler, or on so many local workers; yields the results of each.
 
-    Attributes
-    ----------
-    scheduler : address, `tcp://host:port`; None for a local cluster.
-    workers : processes of a local cluster, one thread each.
-    patience_s : how long to wait for a scheduler or workers that are gone.
-    work : what a worker runs; `run_task` but in tests.
+    Raises
+    ------
+    CampaignError
+        If scheduler or workers are gone, or cannot run a task.
+    KeyboardInterrupt
+        After Ctrl-C, before the next results.
     """
+    from distributed import as_completed
+    from distributed.scheduler import KilledWorker
 
-    scheduler: str | None = None
-    workers: int = 1
-    patience_s: float = PATIENCE_S
-    work: Callable[[Task], TaskResults] = run_task
+    if not tasks:
+        return
+    workers = min(workers, sum(len(task.settings) for task in tasks))
+    with _connect(scheduler, workers) as client:
+        # Wait for the user's workers, and see that they have our code.
+        if scheduler is not None:
+            workers = wait_for_workers(client, notify)
+            check_code(client)
+            tasks = [replace(task, source=pack(task.source)) for task in tasks]
+        # Send all walks; where there are fewer than workers, each result by itself.
+        if len(tasks) < workers:
+            tasks = [one for task in tasks for one in task.split()]
+        sent = _send(client, tasks)
+        done = as_completed(sent, loop=client.loop)
+        with catch_signals(signal.SIGINT) as stop:
+            while not (done.is_empty() or stop.is_set()):
+                for future in done.next_batch(block=False):
+                    task = sent.pop(future)
+                    try:
+                        results = future.result()
+                    except KilledWorker:
+                        if len(task.settings) > 1:
+                            again = _send(client, task.split())
+                            sent |= again
+                            done.update(again)
+                            continue
+                        results = tuple(Result(key, of, code_sum(), KILLED) for key, of in task.settings.items())
+                    except Exception as error:
+                        lost = future.status in ("cancelled", "lost") or client.status != "running"
+                        raise _explain(error, lost) from None
+                    if any(result.code != code_sum() for result in results):
+                        raise _other_code("they have another version of it, of Python or of libraries")
+                    yield results
+                stop.wait(TICK_S)
+            if stop.is_set():
+                raise KeyboardInterrupt
 
-    @property
-    def remote(self) -> bool:
-        """Whether the workers may have other disks and other code."""
-        return self.scheduler is not None
 
-    def workers_for(self, tasks: Sequence[Task]) -> int:
-        """Return how many local processes these tasks need: each gets its share of the memory."""
-        return max(1, min(self.workers, sum(len(task.keys) for task in tasks)))
+@contextmanager
+def _connect(scheduler: str | None, workers: int) -> Iterator[Client]:
+    """Yield a client of the user's scheduler, or of a local cluster that runs as long as the block."""
+    import dask
+    from distributed import Client, LocalCluster
 
-    @contextmanager
-    def start(self, tasks: Sequence[Task]) -> Iterator[str]:
-        """Yield the scheduler's address; a local cluster runs as long as the block.
-
-        Raises
-        ------
-        CampaignError
-            If no local cluster can be started.
-        """
-        if self.scheduler is not None:
-            yield self.scheduler
-            return
-        import dask
-        from distributed import LocalCluster
-
-        with dask.config.set(_LOCAL):
-            try:
+    with ExitStack() as opened:
+        try:
+            if scheduler is None:
+                opened.enter_context(dask.config.set(_LOCAL))
                 local = LocalCluster(
-                    n_workers=self.workers_for(tasks),
-                    threads_per_worker=1,
-                    processes=True,
-                    host="127.0.0.1",
-                    dashboard_address="127.0.0.1:0",
+                    n_workers=workers, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0",
                     silence_logs=logging.CRITICAL,
-                )
-            except (OSError, RuntimeError) as error:
-                raise CampaignError(f"no Dask cluster could be started here ({error}): try fewer --workers.") from None
-            with local:
-                yield local.scheduler_address
-
-
-def connect(address: str, stop: Event, patience_s: float = 0.0) -> Client | None:
-    """Return a client of a scheduler, or None if it does not answer for so long; interrupted if `stop` is set."""
-    end = monotonic() + patience_s
-    client = _connect_once(address)
-    while client is None and monotonic() < end:
-        stop.wait(RETRY_S)
-        check_stop(stop)
-        client = _connect_once(address)
-    return client
-
-
-def check_stop(stop: Event) -> None:
-    """Raise `KeyboardInterrupt` if Ctrl-C was pressed: here it cannot get lost."""
-    if stop.is_set():
-        raise KeyboardInterrupt
-
-
-def _connect_once(address: str) -> Client | None:
-    from distributed import Client
-
-    try:
-        return Client(address, timeout=CONNECT_S, set_as_default=False)
-    except (OSError, ValueError, RuntimeError, ImportError):
-        return None
-
-
-def disconnect(client: Client) -> None:
-    """Close a client, whose connection may be gone."""
-    with suppress(Exception):  # nothing more can be done with a lost connection
-        client.close(timeout=2.0)
-
-
-class LostError(Exception):
-    """The scheduler does not answer."""
-
-
-class Workers:
-    """Who is there to work, and what the user should know of them."""
-
-    def __init__(self, client: Client, cluster: Cluster, notify: Notify) -> None:
-        self._client, self._cluster, self._notify = client, cluster, notify
-        self.able: frozenset[str] = frozenset()
-        self._looked_at = float("-inf")
-        self._avoided: dict[str, float] = {}
-        self._checked: set[str] = set()
-        self._noted: set[str] = set()
-        self._idle_since: float | None = None
-
-    def look(self, idle: bool) -> None:
-        """See that there is a scheduler, and which workers are able; `idle` if no task is sent."""
-        if self._client.status != "running":
-            raise LostError
-        if monotonic() - self._looked_at < LOOK_S and self.able:
-            return
-        try:
-            found = self._client.scheduler_info(n_workers=-1)["workers"]
-        except BROKEN as error:
-            raise LostError from error
-        self._looked_at = monotonic()
-        paused = {worker for worker, about in found.items() if about.get("status") == "paused"}
-        for worker in sorted(paused):
-            self._note(f"the worker {worker} is paused, short of memory: it is given no more until it goes on")
-        if any(about.get("nthreads", 1) > 1 for about in found.values()):
-            self._note("a worker with several threads makes one walk at a time: start workers by --nthreads 1")
-        if self._cluster.remote:
-            self._check(found.keys() - self._checked)
-        known = self._checked if self._cluster.remote else found.keys()
-        self.able = frozenset((found.keys() & known) - paused)
-        nobody = not found or (idle and not self.able)  # a paused one ends what it has begun
-        self._wait(nobody, "no workers but paused ones" if paused else "no workers")
-
-    def avoid(self, worker: str, reason: str) -> None:
-        """Give a worker nothing for a time."""
-        self._avoided[worker] = monotonic() + REST_S
-        self._note(f"the worker {worker} cannot work ({reason}): its walk goes to another")
-
-    def avoided(self) -> frozenset[str]:
-        """Return the workers to be avoided now; none where that would be all."""
-        avoided = frozenset(worker for worker, until in self._avoided.items() if until > monotonic()) & self.able
-        return avoided if self.able - avoided else frozenset()
-
-    def _wait(self, none_able: bool, what: str) -> None:
-        """Note once that there is no worker, and raise `CampaignError` where that lasts."""
-        if not none_able:
-            self._idle_since = None
-            return
-        if self._idle_since is None:
-            self._idle_since = monotonic()
-            self._notify(f"the cluster has {what}: waiting for some")
-        if monotonic() - self._idle_since > self._cluster.patience_s:
+                )  # fmt: skip
+                opened.enter_context(local)
+            client = Client(scheduler or local, timeout=CONNECT_S, set_as_default=False)
+        except (OSError, RuntimeError, ValueError, ImportError) as error:
             raise CampaignError(
-                f"the cluster has had {what} for {self._cluster.patience_s:.0f} s: start some "
-                "(`dask worker ADDRESS --nthreads 1`, one a core), and the same command goes on from there."
-            )
-
-    def _check(self, workers: Collection[str]) -> None:
-        """Compare the code of new workers with ours, in words that need none: a task would end one without it."""
-        if not workers:
-            return
+                f"no Dask cluster could be started here ({error}): try fewer --workers."
+                if scheduler is None
+                else f"no Dask scheduler answers at {scheduler}: start one with `dask scheduler`, or leave --scheduler "
+                "out."
+            ) from None
         try:
-            answers = self._client.run(eval, _CODE_THERE, workers=sorted(workers), on_error="return")
-        except BROKEN:  # one went just now: asked again
-            return
-        for worker, code in answers.items():
-            if isinstance(code, ImportError | AttributeError):
-                raise other_code(code)
-            if isinstance(code, str):
-                check_code(code)
-                self._checked.add(worker)
-
-    def _note(self, words: str) -> None:
-        if words not in self._noted:
-            self._noted.add(words)
-            self._notify(words)
+            yield client
+        finally:
+            with suppress(Exception):  # nothing more can be done with a lost connection
+                client.close(timeout=2.0)
 
 
-def check_code(code: str) -> None:
-    """Raise `CampaignError` if that is not the sum over our code."""
-    if code != code_sum():
+def wait_for_workers(client: Client, notify: Notify) -> int:
+    """Return how many workers there are, as soon as there is one."""
+    if not client.scheduler_info(n_workers=-1)["workers"]:
+        notify("the cluster has no workers: waiting for some")
+    try:
+        client.wait_for_workers(1, timeout=PATIENCE_S)
+    except TimeoutError:
         raise CampaignError(
-            "the workers have another fg-nav, Python or libraries than this: install the same versions there."
-        )
+            f"the cluster has had no workers for {PATIENCE_S:.0f} s: start some "
+            "(`dask worker ADDRESS --nthreads 1`, one a core), and the same command goes on from there."
+        ) from None
+    return len(client.scheduler_info(n_workers=-1)["workers"])
 
 
-def other_code(error: object) -> CampaignError:
-    """Return the end of a campaign on workers with another program, or none."""
+def check_code(client: Client) -> None:
+    """Raise `CampaignError` if a worker has other code or libraries than we, or none."""
+    try:
+        codes = set(client.run(code_sum).values())
+    except Exception as error:
+        raise _explain(error) from None
+    if codes != {code_sum()}:
+        raise _other_code("they have another version of it, of Python or of libraries")
+
+
+def _send(client: Client, tasks: Sequence[Task]) -> dict[Any, Task]:
+    """Send tasks, each by its future."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Sending large graph")  # the files of recorded walks
+        return dict(zip(client.map(run_task, tasks, retries=RETRIES, pure=False), tasks, strict=True))
+
+
+def _explain(error: Exception, lost: bool = False) -> CampaignError:
+    """Return what ends a campaign: a lost scheduler, other code, or a worker that cannot work."""
+    if lost:
+        return CampaignError("the scheduler is gone: what is done is stored, and the same command goes on from there.")
+    first, *_ = " ".join(str(error).split()).split(". ")  # Dask's errors have several lines, and links
+    words = f"{type(error).__name__}: {first}"
+    if isinstance(error, ImportError | AttributeError) or "deserializ" in words:
+        return _other_code(words)
+    return CampaignError(f"a worker cannot work ({words}): see to it, and the same command goes on from there.")
+
+
+def _other_code(reason: str) -> CampaignError:
     return CampaignError(
-        f"the cluster cannot run fg-nav ({describe_error(error)}): install the same version there, "
-        "on the scheduler and on each worker."
+        f"the workers cannot run this fg-nav ({reason}): install the same version there, on the scheduler and on each "
+        "worker."
     )
-
-
-def is_of_other_code(error: object) -> bool:
-    """Whether a task could not be read, by a worker or by the scheduler."""
-    return isinstance(error, ImportError | AttributeError) or "deserializ" in str(error)

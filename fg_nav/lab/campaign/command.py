@@ -7,147 +7,88 @@ and makes again what has changed. Results are read one at a time: a long walk's 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 from fg_nav.errors import CampaignError, OutputError
-from fg_nav.lab.campaign.cluster import Cluster, Notify, check_address, check_installed
-from fg_nav.lab.campaign.dispatch import Progress, RemainingTime, dispatch
-from fg_nav.lab.campaign.execute import Task, TaskResults
-from fg_nav.lab.campaign.folder import Folder, lock_folder, place_of, write_tables
+from fg_nav.lab.campaign.cluster import Notify, check_address, check_installed, run_on_dask
+from fg_nav.lab.campaign.execute import Execute, make
+from fg_nav.lab.campaign.folder import RESULTS_FOLDER, TABLES, count_others, lock_folder, place_of, write_tables
 from fg_nav.lab.campaign.plan import read_plan
-from fg_nav.lab.store import code, results
+from fg_nav.lab.store import results
 from fg_nav.lab.store.results import Key, Result
 from fg_nav.text import format_count
 
 
 @dataclass(frozen=True)
-class Request:
-    """What the command line asks for.
-
-    Attributes
-    ----------
-    plan : file.
-    out : folder of the campaign.
-    scheduler : address of a Dask cluster; None for a local one.
-    workers : processes of that; None for one a core.
-    renew, retry : make again what other code made, and what failed.
-    """
-
-    plan: Path
-    out: Path
-    scheduler: str | None = None
-    workers: int | None = None
-    renew: bool = False
-    retry: bool = False
-
-
-@dataclass(frozen=True)
 class Summary:
-    """All results, in short (`shorten`), and how many of them were stored before."""
+    """All results, in short, and how many of them were stored before."""
 
-    results: tuple[Result, ...]
+    results: Sequence[Result]
     stored: int
 
 
-def run_campaign(request: Request, show: Callable[[Progress], None], notify: Notify) -> Summary:
-    """Make what is missing, and write the tables.
+def run_campaign(
+    plan: Path,
+    out: Path,
+    execute: Execute,
+    renew: bool = False,
+    retry: bool = False,
+    show: Callable[[int, int], None] = lambda done, total: None,
+    notify: Notify = lambda words: None,
+) -> Summary:
+    """Make what a plan's folder lacks, and write the tables; `renew` and `retry` as of `make`.
 
     Raises
     ------
     CampaignError, OutputError
         If the plan or the folder cannot be, another campaign runs there, or the cluster is gone.
     """
-    check_installed()
-    cluster = choose_cluster(request)
-    plan = read_plan(request.plan)
-    keys = plan.list_keys()
-    with lock_folder(request.out, request.plan) as folder:
-        # Find what is stored, and what is missing.
-        others = folder.describe_others({key.file for key in keys})
+    asked = read_plan(plan)
+    settings = asked.settings(asked.list_keys())
+    with lock_folder(out):
+        others = count_others(out, {key.file for key in settings})
         if others:
-            notify(others)
-        settings = plan.settings(keys)
-        missing = [key for key in keys if not _holds(results.read_result(folder.results, key, settings[key]), request)]
-        stored = len(keys) - len(missing)
-        # Make it, a walk at a time on each worker.
-        if missing:
-            folder.remove_tables()
-            with _note_if_stopped(folder, missing, stored, notify):
-                _make(plan.tasks(missing, settings), folder.results, cluster, stored, show, notify)
-        # Write the tables.
+            words = format_count(others, "result")
+            notify(f"{out} has {words} of other plans than this: the tables leave them out")
+        # Make what is missing; tables would look complete next to results that they do not have.
+        for name in TABLES:
+            (out / name).unlink(missing_ok=True)
+        stored = done = None
+        try:
+            for done, total in make(settings, out / RESULTS_FOLDER, execute, asked.find_source, renew, retry):
+                stored = done if stored is None else stored
+                show(done, total)
+        except KeyboardInterrupt:
+            if done is not None:
+                words = f"{done} of {format_count(len(settings), 'result')}"
+                notify(f"stopped: {words} are kept, the same command goes on from there")
+            raise
+        # Write the tables; of each result keep what the summary needs.
         short: dict[Key, Result] = {}
-        write_tables(request.out, _read_all(folder.results, sorted(keys, key=place_of), settings, short))
-    return Summary(tuple(short[key] for key in keys), stored)
+
+        def read() -> Iterator[Result]:
+            for key in sorted(settings, key=place_of):
+                result = results.read_result(out / RESULTS_FOLDER, key, settings[key])
+                if result is None:
+                    path = out / RESULTS_FOLDER / key.file
+                    raise OutputError(f"{path} is not what was kept there: run the same command again, it goes on.")
+                short[key] = Result(key, {}, result.code, result.failed, result.errors)
+                yield result
+
+        write_tables(out, read())
+    return Summary([short[key] for key in settings], stored or 0)
 
 
-def choose_cluster(request: Request) -> Cluster:
-    """Return the cluster that was asked for; raises `CampaignError` if it cannot be."""
-    if request.scheduler is None:
-        from dask.system import CPU_COUNT
+def choose_cluster(scheduler: str | None, workers: int | None, notify: Notify) -> Execute:
+    """Return what executes tasks on a cluster; raises `CampaignError` if it cannot be, or without Dask."""
+    check_installed()
+    from dask.system import CPU_COUNT
 
-        return Cluster(None, request.workers or CPU_COUNT)
-    if request.workers is not None:
-        raise CampaignError("--workers is for a cluster of our own: leave it out with --scheduler.")
-    check_address(request.scheduler)
-    return Cluster(request.scheduler)
-
-
-def _holds(result: Result | None, request: Request) -> bool:
-    """Whether there is a result, and it is not to be made again."""
-    if result is None or (request.renew and result.code != code.code_sum()):
-        return False
-    return not (request.retry and result.failed)
-
-
-@contextmanager
-def _note_if_stopped(folder: Folder, missing: Sequence[Key], stored: int, notify: Notify) -> Iterator[None]:
-    """Note on Ctrl-C how far it came."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        done = stored + folder.count_written({key.file for key in missing})
-        total = format_count(stored + len(missing), "result")
-        notify(f"stopped: {done} of {total} are kept, the same command goes on from there")
-        raise
-
-
-def _make(
-    tasks: Sequence[Task],
-    folder: Path,
-    cluster: Cluster,
-    stored: int,
-    show: Callable[[Progress], None],
-    notify: Notify,
-) -> None:
-    remaining = RemainingTime(stored, tasks)
-    show(remaining.progress(0 if cluster.remote else cluster.workers_for(tasks)))
-
-    def take(task: Task, made: TaskResults) -> None:
-        for result in made.results:
-            results.write_result(folder, result)
-        remaining.count(task.keys, made.seconds)
-
-    dispatch(tasks, cluster, take, notify, lambda workers: show(remaining.progress(workers)))
-
-
-def _read_all(
-    folder: Path, keys: Sequence[Key], settings: Mapping[Key, Mapping[str, Any]], short: dict[Key, Result]
-) -> Iterator[Result]:
-    """Read one result after the other, and put down in short what the summary needs."""
-    for key in keys:
-        result = results.read_result(folder, key, settings[key])
-        if result is None:
-            path = folder / key.file
-            what = "is not what was kept there" if path.exists() else "was there and is gone"
-            raise OutputError(f"{path} {what}: run the same command again, it goes on.")
-        short[key] = shorten(result)
-        yield result
-
-
-def shorten(result: Result) -> Result:
-    """Return what the summary needs: thousands of complete ones are gigabytes."""
-    return Result(result.key, {}, result.code, result.failed, result.errors)
+    if scheduler is not None:
+        if workers is not None:
+            raise CampaignError("--workers is for a cluster of our own: leave it out with --scheduler.")
+        check_address(scheduler)
+    return partial(run_on_dask, scheduler=scheduler, workers=workers or CPU_COUNT, notify=notify)

@@ -1,23 +1,25 @@
-"""Execute methods on walks: all that is missing of a walk is one task, so that it is simulated or read once.
+"""Make results: methods on walks. All that is missing of a walk is one task, so that it is simulated or read once.
 
 All methods on a walk share its recording, stances and field, and the heading at the start. A method that fails is a
 result too, with the reason, and the others of the walk are made all the same.
 
-A Dask worker runs a task by `run_task`. It may share no disk with the campaign: the files of a recorded walk come with
-the task, and its results go back. What goes wrong before a method starts, such as a full disk, is a `WorkerError`.
+Tasks are executed on processes of this machine (`run_here`) or on Dask (`fg_nav.lab.campaign.cluster`), whose workers
+may share no disk with us: there the files of a recorded walk come with the task. The results come back and are
+written here.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
+from itertools import groupby, product
+from operator import attrgetter
 from pathlib import Path
-from time import perf_counter
-from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeAlias
+
+import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.calibration.walk import WalkCalibrationParameters
@@ -28,9 +30,10 @@ from fg_nav.lab.campaign.methods import method_of, solve_by
 from fg_nav.lab.campaign.walks import LOOP, MIXTURES, NONE, RAW, WALK, Reading, Simulated, Source, UserScenario, unpack
 from fg_nav.lab.consistency import whiten_errors
 from fg_nav.lab.landmarks import measure_landmarks
+from fg_nav.lab.processes import run_tasks
 from fg_nav.lab.simulation import Choices, scenario, simulate
 from fg_nav.lab.store.code import code_sum
-from fg_nav.lab.store.results import Key, Result, encode_flags, write_result
+from fg_nav.lab.store.results import NOT_USED, USED, Key, Result, read_result, write_result
 from fg_nav.lab.walked import AS_STARTED, BEST_YAW, CLOSURE, measure_errors, measure_walk, path_length_m
 from fg_nav.magnetic.detectors import QUASI_STATIC
 from fg_nav.pipeline import prepare_walk
@@ -38,46 +41,158 @@ from fg_nav.text import to_json
 from fg_nav.truth import TrajectoryTruth
 from fg_nav.walk import Options, Outcome, Walk
 
+BUG = "a bug"  # Begins the reason of a result that no error of ours ended; such a result is made again the next time.
+
+PROBE = ("demo", 1)  # A short walk that shows the effective parameters of a method, before it is run on long ones.
+
+Settings: TypeAlias = Mapping[str, Any]
+
+_ONE_AT_A_TIME = threading.Lock()  # A worker with several threads makes one walk at a time: each is a lot of memory.
+
 
 @dataclass(frozen=True)
 class Task:
-    """All that is missing of one walk: settings by magnetometer and method."""
+    """Results of one walk that are missing: the settings of each."""
 
-    group: str
-    field: str
-    walk: str
     source: Source
-    missing: Mapping[str, Mapping[str, Mapping[str, Any]]]
-
-    @property
-    def keys(self) -> list[Key]:
-        """Of its results."""
-        walk = (self.group, self.field, self.walk)
-        return [Key(*walk, magnetometer, method) for magnetometer, some in self.missing.items() for method in some]
+    settings: Mapping[Key, Settings]
 
     def split(self) -> list[Task]:
         """Return a task for each result."""
-        return [
-            replace(self, missing={magnetometer: {method: settings}})
-            for magnetometer, methods in self.missing.items()
-            for method, settings in methods.items()
-        ]
+        return [Task(self.source, {key: of}) for key, of in self.settings.items()]
 
 
-def tasks_of(
-    missing: Sequence[Key],
-    settings: Mapping[Key, Mapping[str, Any]],
-    sources: Mapping[tuple[str, str], Source] = MappingProxyType({}),
-) -> list[Task]:
-    """Gather the missing results of each walk; `sources`, by group and walk, are of walks that no scenario has."""
-    walks: dict[tuple[str, str, str], dict[str, dict[str, Mapping[str, Any]]]] = {}
-    for key in missing:
-        of_walk = walks.setdefault((key.group, key.field, key.walk), {})
-        of_walk.setdefault(key.magnetometer, {})[key.method] = settings[key]
-    return [
-        Task(group, field, walk, sources.get((group, walk)) or Simulated(group, field, int(walk)), methods)
-        for (group, field, walk), methods in walks.items()
-    ]
+Execute: TypeAlias = Callable[[Sequence[Task]], Iterable[Sequence[Result]]]
+"""Executes tasks; the results of each come when they are made."""
+
+
+def find_simulated(key: Key) -> Source:
+    """Return the walk of one of our scenarios."""
+    return Simulated(key.group, key.field, int(key.walk))
+
+
+def make(
+    settings: Mapping[Key, Settings],
+    folder: Path,
+    execute: Execute,
+    find_source: Callable[[Key], Source] = find_simulated,
+    renew: bool = False,
+    retry: bool = False,
+) -> Iterator[tuple[int, int]]:
+    """Make the results that a folder lacks, and write them there; yields how many there are, of how many.
+
+    A stored result holds with the same settings: with `renew` not one that other code made, with `retry` not one that
+    failed. Raises `OutputError` if one cannot be written, and what `execute` raises.
+    """
+
+    def holds(key: Key) -> bool:
+        found = read_result(folder, key, settings[key])
+        if found is None or found.failed.startswith(BUG):
+            return False
+        return not (renew and found.code != code_sum()) and not (retry and found.failed)
+
+    missing = {key: of for key, of in settings.items() if not holds(key)}
+    done = len(settings) - len(missing)
+    yield done, len(settings)
+    for results in execute(tasks_of(missing, find_source)):
+        for result in results:
+            write_result(folder, result)
+        done += len(results)
+        yield done, len(settings)
+
+
+def tasks_of(missing: Mapping[Key, Settings], find_source: Callable[[Key], Source] = find_simulated) -> list[Task]:
+    """Gather the missing results of each walk."""
+    walks: dict[tuple[str, str, str], dict[Key, Settings]] = {}
+    for key, of in missing.items():
+        walks.setdefault((key.group, key.field, key.walk), {})[key] = of
+    return [Task(find_source(next(iter(some))), some) for some in walks.values()]
+
+
+def run_here(tasks: Sequence[Task], workers: int) -> Iterator[tuple[Result, ...]]:
+    """Execute tasks on so many processes of this machine; in this one if that is enough."""
+    for _, results in run_tasks([partial(run_task, task) for task in tasks], workers):
+        yield results
+
+
+def run_task(task: Task) -> tuple[Result, ...]:
+    """Make the results of a walk; raises `OSError` if its files cannot be written for it."""
+    with _ONE_AT_A_TIME, unpack(task.source) as (source, folder):
+        results = []
+        by_magnetometer = attrgetter("magnetometer")
+        for magnetometer, keys in groupby(sorted(task.settings, key=by_magnetometer), by_magnetometer):
+            # The input of all methods.
+            walk, failed = None, ""
+            try:
+                walk = source.prepare(magnetometer)
+            except Exception as error:
+                failed = _explain(error)
+            # Each method; without the truth, which only costs time there: positions are compared at the footfalls.
+            for key in keys:
+                result = Result(key, task.settings[key], code_sum(), failed)
+                if walk is not None:
+                    try:
+                        outcome = solve_by(key.method, replace(walk, truth=None))
+                        result = evaluate_outcome(result, source, walk, outcome)
+                    except Exception as error:
+                        result = replace(result, failed=_explain(error))
+                results.append(replace(result, failed=result.failed.replace(folder, "")))
+    return tuple(results)
+
+
+def _explain(error: Exception) -> str:
+    """Why a result failed."""
+    return str(error) if isinstance(error, FgNavError) else f"{BUG} ({type(error).__name__}: {error})"
+
+
+def evaluate_outcome(blank: Result, source: Source, walk: Walk, outcome: Outcome) -> Result:
+    """Compute all figures of one method on one walk, in each alignment."""
+    solution, truth = outcome.solution, walk.truth
+    used = (outcome.field_used and word == QUASI_STATIC for word in solution.stances.field)
+    done = replace(
+        blank,
+        used="".join(USED if one else NOT_USED for one in used),
+        samples=len(solution.t),
+        runtime_s=solution.runtime_s,
+        parameters=solution.parameters,
+        notes=(*walk.notes, *solution.notes),
+    )
+    place = solution.stances.position
+    if truth is None:
+        own = {CLOSURE: _round_positions(place)}
+        return replace(done, errors={CLOSURE: measure_walk(solution)}, estimate=own, every=False)
+    names = tuple(one.landmark for one in source.landmarks)
+    time_s, crossed = (np.array([getattr(one, what) for one in source.landmarks]) for what in ("time_s", "position"))
+    errors, estimate, at_landmarks, whitened = {}, {}, {}, {}
+    modes = (AS_STARTED, BEST_YAW) if isinstance(truth, TrajectoryTruth) else (BEST_YAW,)
+    for mode in modes:
+        aligned = compare_at_footfalls(solution, truth, mode)
+        errors[mode] = measure_errors(aligned, path_length_m(place))
+        estimate[mode] = _round_positions(aligned.estimate if not aligned.planar else aligned.alignment.apply(place))
+        if mode == AS_STARTED:
+            whitened = whiten_errors(aligned, solution.stances)
+        if names:
+            found = measure_landmarks(solution, names, time_s, crossed, aligned.alignment)
+            at_landmarks[mode] = found.error_m.tolist()
+    return replace(
+        done,
+        errors=errors,
+        whitened=whitened,
+        estimate=estimate,
+        truth=_round_positions(aligned.truth),
+        every=not aligned.planar,
+        landmark=names,
+        landmark_m=at_landmarks,
+        notes=(*done.notes, *aligned.notes),
+    )
+
+
+def _round_positions(position: Floats) -> list[list[float]]:
+    """Positions over the ground, to the centimetre."""
+    return [[round(float(x), 2), round(float(y), 2)] for x, y in position[:, :2]]
+
+
+# --- what is asked for, and with what --------------------------------------------------------------------------------
 
 
 def simulated_keys(
@@ -88,14 +203,8 @@ def simulated_keys(
     seeds: Sequence[int],
 ) -> list[Key]:
     """Keys of simulated walks, method by method within a case."""
-    return [
-        Key(name, level, str(seed), magnetometer, method)
-        for name in scenarios
-        for level in fields
-        for magnetometer in magnetometers
-        for method in methods
-        for seed in seeds
-    ]
+    cases = product(scenarios, fields, magnetometers, methods, seeds)
+    return [Key(name, level, str(seed), magnetometer, method) for name, level, magnetometer, method, seed in cases]
 
 
 def recorded_keys(
@@ -110,147 +219,12 @@ def recorded_keys(
     In place of a loop or a perfect magnetometer they are calibrated on themselves, or by the file of the groups that
     are `calibrated`.
     """
-    return [
-        Key(group, field, walk, magnetometer, method)
-        for group, walks in recorded.items()
-        for magnetometer in _possible(magnetometers, LOOP if group in calibrated else WALK)
-        for method in methods
-        for walk in walks
-    ]
-
-
-def _possible(magnetometers: Sequence[str], best: str) -> list[str]:
-    """Calibrations that recorded walks can have, each once."""
-    return list(dict.fromkeys(one if one in (WALK, RAW, NONE) else best for one in magnetometers))
-
-
-def execute_task(task: Task, code: str, bugs: bool = False) -> Iterator[Result]:
-    """Make all results of a walk; with `bugs` an unexpected error too is a result that failed."""
-    for magnetometer, methods in task.missing.items():
-        walk: Walk | str
-        try:
-            walk = task.source.prepare(magnetometer)
-        except Exception as error:
-            walk = _reason(error, bugs)
-        for method, settings in methods.items():
-            blank = Result(Key(task.group, task.field, task.walk, magnetometer, method), settings, code)
-            yield _execute(blank, task.source, walk, bugs)
-
-
-def _execute(blank: Result, source: Source, walk: Walk | str, bugs: bool) -> Result:
-    if isinstance(walk, str):
-        return replace(blank, failed=walk)
-    try:
-        # Without the truth: positions are compared below, at the footfalls, and here it only costs time.
-        outcome = solve_by(blank.key.method, replace(walk, truth=None))
-        return evaluate_outcome(blank, source, walk, outcome)
-    except Exception as error:
-        return replace(blank, failed=_reason(error, bugs))
-
-
-def _reason(error: Exception, bugs: bool) -> str:
-    """Why a result failed; what is no error of ours is raised again, or a bug of that result."""
-    if isinstance(error, FgNavError):
-        return str(error)
-    if not bugs:
-        raise error
-    return f"a bug ({type(error).__name__}: {error})"
-
-
-def store_task(task: Task, folder: Path, code: str) -> None:
-    """Make and store all results of a walk."""
-    for result in execute_task(task, code):
-        write_result(folder, result)
-
-
-_ONE_AT_A_TIME = threading.Lock()
-"""A worker with several threads makes one walk at a time all the same: each is a lot of memory."""
-
-
-@dataclass(frozen=True)
-class TaskResults:
-    """Results of a task, the sum over the code that made them, and the time it took."""
-
-    results: tuple[Result, ...]
-    code: str
-    seconds: float
-
-
-class WorkerError(Exception):
-    """A worker, by its address, cannot start a task; the second argument is the reason."""
-
-
-def run_task(task: Task) -> TaskResults:
-    """Make the results of a walk on a worker; raises `WorkerError` if its files cannot be written there."""
-    with _ONE_AT_A_TIME, ExitStack() as files:
-        start = perf_counter()
-        try:
-            source, folder = files.enter_context(unpack(task.source))
-        except OSError as error:
-            raise WorkerError(_address(), describe_error(error)) from None
-        results = tuple(execute_task(replace(task, source=source), code_sum(), bugs=True))
-        if folder:
-            results = tuple(replace(one, failed=one.failed.replace(folder, "")) for one in results)
-        return TaskResults(results, code_sum(), perf_counter() - start)
-
-
-def _address() -> str:
-    from distributed import get_worker
-
-    return str(get_worker().address)
-
-
-def describe_error(error: object) -> str:
-    """Return an error's name and its first sentence: Dask's have several lines, and links."""
-    first, *_ = " ".join(str(error).split()).split(". ")
-    return f"{type(error).__name__}: {first}" if first else type(error).__name__
-
-
-def evaluate_outcome(blank: Result, source: Source, walk: Walk, outcome: Outcome) -> Result:
-    """Compute all figures of one method on one walk, in each alignment."""
-    solution, truth = outcome.solution, walk.truth
-    done = replace(
-        blank,
-        used=encode_flags([outcome.field_used and word == QUASI_STATIC for word in solution.stances.field]),
-        samples=len(solution.t),
-        runtime_s=solution.runtime_s,
-        parameters=solution.parameters,
-        notes=(*walk.notes, *solution.notes),
-    )
-    place = solution.stances.position
-    if truth is None:
-        own = {CLOSURE: _round_positions(place)}
-        return replace(done, errors={CLOSURE: measure_walk(solution)}, estimate=own, every=False)
-    errors, estimate, at_landmarks, whitened = {}, {}, {}, {}
-    modes = (AS_STARTED, BEST_YAW) if isinstance(truth, TrajectoryTruth) else (BEST_YAW,)
-    for mode in modes:
-        aligned = compare_at_footfalls(solution, truth, mode)
-        errors[mode] = measure_errors(aligned, path_length_m(place))
-        estimate[mode] = _round_positions(aligned.estimate if not aligned.planar else aligned.alignment.apply(place))
-        if mode == AS_STARTED:
-            whitened = whiten_errors(aligned, solution.stances)
-        if source.landmark:
-            crossed = measure_landmarks(solution, source.landmark, *source.passed, aligned.alignment)
-            at_landmarks[mode] = crossed.error_m.tolist()
-    return replace(
-        done,
-        errors=errors,
-        whitened=whitened,
-        estimate=estimate,
-        truth=_round_positions(aligned.truth),
-        every=not aligned.planar,
-        landmark=source.landmark,
-        landmark_m=at_landmarks,
-        notes=(*done.notes, *aligned.notes),
-    )
-
-
-def _round_positions(position: Floats) -> list[list[float]]:
-    """Positions over the ground, to the centimetre."""
-    return [[round(float(x), 2), round(float(y), 2)] for x, y in position[:, :2]]
-
-
-PROBE = ("demo", 1)  # A short walk that shows the effective parameters of a method, before it is run on long ones.
+    keys = []
+    for group, walks in recorded.items():
+        best = LOOP if group in calibrated else WALK
+        possible = [one if one in (WALK, RAW, NONE) else best for one in magnetometers]
+        keys += [Key(group, field, walk, *case) for *case, walk in product(possible, methods, walks)]
+    return list(dict.fromkeys(keys))
 
 
 def settings_of(

@@ -39,15 +39,13 @@ class Method:
     @property
     def word(self) -> str:
         """Its word."""
-        return ",".join([self.base, *(f"{name}={written(value)}" for name, value in self.changes)])
+        changes = (f"{name}={value if isinstance(value, str) else json.dumps(value)}" for name, value in self.changes)
+        return ",".join([self.base, *changes])
 
     def checked(self) -> Method:
         """Return itself with its values as the parameters have them: 1 and 1.0 are one value of a real number.
 
-        Raises
-        ------
-        EstimationError
-            If there is no such method, preset of it or parameter, or a value is of another type.
+        Raises `EstimationError` if there is no such method, preset of it or parameter, or a value is of another type.
         """
         found = find_method(self.name)
         check_preset(self.preset)
@@ -63,26 +61,19 @@ class Method:
         return replace(self, changes=typed)
 
 
-def written(value: Value) -> str:
-    """Return a value as JSON has it; a text without its quotes."""
-    return value if isinstance(value, str) else json.dumps(value)
-
-
 def method_of(word: str) -> Method:
     """Read a word; raises `EstimationError` if there is no such method or preset."""
-    base, *changes = word.split(",")
+    base, *words = word.split(",")
     name, _, preset = base.partition(":")
     find_method(name)
     check_preset(preset or TUNED)
-    return Method(name, preset or TUNED, tuple(_change(one) for one in changes))
-
-
-def _change(word: str) -> tuple[str, Value]:
-    name, _, text = word.partition("=")
-    try:
-        return name, json.loads(text)
-    except ValueError:
-        return name, text
+    changes: list[tuple[str, Value]] = []
+    for parameter, _, text in (one.partition("=") for one in words):
+        try:
+            changes.append((parameter, json.loads(text)))
+        except ValueError:  # a word
+            changes.append((parameter, text))
+    return Method(name, preset or TUNED, tuple(changes))
 
 
 def solve_by(word: str, walk: Walk) -> Outcome:

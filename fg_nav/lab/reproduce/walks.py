@@ -1,20 +1,20 @@
 """Methods on simulated walks for a paper: what is stored in the folder is used, the rest is made.
 
 The folder is that of `fg_nav.lab.store.results`, so that results of a campaign with the same walks hold here too.
-Workers store what they make themselves, so ending them loses only what each was at.
+Each walk is stored as soon as it is made, so ending a run loses only what its workers were at.
 """
 
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from fg_nav.lab.campaign.execute import settings_of, store_task, tasks_of
+from fg_nav.lab.campaign.execute import Task, make, run_task, settings_of
 from fg_nav.lab.campaign.walks import LOOP
 from fg_nav.lab.landmarks import error_reduction_percent
 from fg_nav.lab.processes import run_tasks
@@ -66,15 +66,16 @@ def run_missing(
         If a folder or a file cannot be written.
     """
     results = make_folder(folder / RESULTS_FOLDER)
-    settings = {key: settings_of(key) for key in keys}
-    missing = [key for key in keys if read_result(results, key, settings[key]) is None]
-    tasks: list[Callable[[], None]] = [
-        *(partial(store_task, task, results, code_sum()) for task in tasks_of(missing, settings)),
-        *(partial(one.run, folder) for one in measurements if one.read(folder) is None),
-    ]
-    for done, _ in enumerate(run_tasks(tasks, workers), start=1):
-        if progress is not None:
-            progress(done / len(tasks))
+    parts = [partial(one.run, folder) for one in measurements if one.read(folder) is None]
+
+    def execute(tasks: Sequence[Task]) -> Iterator[Sequence[Result]]:
+        calls: list[Callable[[], Sequence[Result] | None]] = [*(partial(run_task, task) for task in tasks), *parts]
+        for done, (_, made) in enumerate(run_tasks(calls, workers), start=1):
+            yield made or ()
+            if progress is not None:
+                progress(done / len(calls))
+
+    deque(make({key: settings_of(key) for key in keys}, results, execute), maxlen=0)
 
 
 def read_walks(folder: Path, keys: Sequence[Key]) -> Walks:

@@ -24,7 +24,7 @@ points, so that standing is standing but for a slow sway. As a filter the spline
 
 Where the figures come from: the shares and sizes of the waves of flexion are rounded from the mean stride of one real
 subject (`qmt_fullbody`); swing, twist, abduction and ringing were then set by hand with that subject's rates and forces
-in view, the swing near the +-25 degrees usual for a pocket. So `scripts/realism.py thigh`, which compares them with the
+in view, the swing near the +-25 degrees usual for a pocket. So a comparison of them with the
 same subject, shows a fit and is no independent test. Bounce, sway, surge, posture and all styles but walking are
 assumed, and compared with nothing.
 """

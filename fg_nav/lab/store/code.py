@@ -8,7 +8,6 @@ from __future__ import annotations
 import ast
 import hashlib
 import sys
-import threading
 from collections.abc import Iterable
 from functools import cache
 from importlib import metadata
@@ -18,9 +17,6 @@ import fg_nav
 
 SHOWS_ONLY = ("report/", "commands/", "lab/verbs/", "lab/reproduce/", "cli/")  # Sources that change no result.
 LIBRARIES = ("gtsam", "numpy", "scipy", "numba", "pandas")  # Libraries that results depend on, to the last bit.
-
-_PARSING = threading.Lock()
-"""Python 3.11 fails where two threads of a worker parse at once (its recursion depth is one for all)."""
 
 
 @cache
@@ -42,33 +38,20 @@ def sum_sources(sources: Iterable[Path]) -> str:
 @cache
 def describe_runtime() -> str:
     """Return Python and libraries with versions; of Python major and minor, as the rest changes no result."""
-    python = "Python {}.{}".format(*sys.version_info)
-    return ", ".join([python, *(f"{name} {_version(name)}" for name in LIBRARIES)])
-
-
-def _version(name: str) -> str:
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:  # copied by hand
-        return "unknown"
+    versions = ["Python {}.{}".format(*sys.version_info)]
+    for name in LIBRARIES:
+        try:
+            versions.append(f"{name} {metadata.version(name)}")
+        except metadata.PackageNotFoundError:  # copied by hand
+            versions.append(f"{name} unknown")
+    return ", ".join(versions)
 
 
 def strip_source(source: str) -> str:
     """Return a source without comments, layout and texts that stand alone."""
-    with _PARSING:
-        tree = ast.parse(source)
-    return repr(_outline(tree))
-
-
-def _outline(part: object) -> object:
-    """Return a part of a tree as nested tuples: a third faster than `ast.dump`, and each worker waits for it."""
-    if isinstance(part, list):
-        return [_outline(one) for one in part if not _is_text(one)]
-    if not isinstance(part, ast.AST):
-        return part
-    fields = (getattr(part, name) for name in part._fields if name != "ctx")  # load or store: its place says which
-    return (type(part).__name__, *map(_outline, fields))
-
-
-def _is_text(statement: object) -> bool:
-    return isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant)
+    tree = ast.parse(source)
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        if isinstance(body, list):
+            body[:] = [one for one in body if not (isinstance(one, ast.Expr) and isinstance(one.value, ast.Constant))]
+    return ast.dump(tree)

@@ -1,15 +1,11 @@
-"""What one method made of one walk, one file each, by its key.
+"""The store: what one method made of one walk, and what a paper's experiments measured, one file each.
 
 A result holds as long as its settings are the same: the parameters of the method, of the walk, of the stances and of
-the calibration. Code that differs does not make it invalid: each result has the sum over the code that made it
-(`fg_nav.lab.store.entries`), so that it can be shown, or made again.
+the calibration. Code that differs does not make it invalid: each result has the sum over the code that made it, so that
+it can be shown, or made again. Measurements hold as long as the code is the same. A missing, damaged or older file is
+read as None, and its content is made again.
 
-Positions are rounded to the centimetre, errors are exact to the last bit.
-
-Entries of a store: a file with its content and the settings that made it.
-
-An entry holds as long as its settings are the same; a missing, damaged or older file is read as None, and its content
-is made again. Content is JSON, or arrays that come back to the last bit.
+Positions are rounded to the centimetre, errors and arrays are exact to the last bit.
 """
 
 from __future__ import annotations
@@ -27,14 +23,14 @@ from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, TypeAdapter, ValidationError
+from pydantic import BeforeValidator, TypeAdapter
 
 from fg_nav.lab.store.code import code_sum, sum_sources
 from fg_nav.lab.store.files import atomic_write, make_folder, write_text
 from fg_nav.lab.walked import WalkErrors
 from fg_nav.text import to_json
 
-FORM = 2  # Layout of the files; an entry of another form does not hold.
+FORM = 2  # Layout of the files; one of another form does not hold.
 
 Arrays: TypeAlias = Mapping[str, NDArray[Any]]
 
@@ -49,46 +45,6 @@ def encode_number(value: float) -> float | str | None:
     return value if math.isfinite(value) else str(value)
 
 
-@dataclass(frozen=True)
-class Entry:
-    """One file, and the settings that its content is made with."""
-
-    path: Path
-    settings: Mapping[str, Any]
-
-    def read(self) -> dict[str, Any] | None:
-        """Return the content of a JSON file with its settings; None if it does not hold."""
-        try:
-            content = json.loads(self.path.read_text(encoding="utf-8"))
-            holds = content.pop("form") == FORM and content["settings"] == to_json(self.settings)
-        except (OSError, ValueError, KeyError, TypeError, AttributeError):
-            return None
-        return content if holds else None
-
-    def write(self, content: Mapping[str, Any]) -> None:
-        """Write a JSON file; another process may write at the same time. Raises `OutputError` if the system refuses."""
-        whole = {"form": FORM, **content, "settings": to_json(self.settings)}
-        write_text(self.path, json.dumps(whole) + "\n")
-
-    def read_arrays(self) -> dict[str, NDArray[Any]] | None:
-        """Return the arrays of a `.npz` file; None if it does not hold."""
-        try:
-            with np.load(self.path) as found:
-                arrays = dict(found)
-        except (OSError, ValueError, EOFError, zipfile.BadZipFile):
-            return None
-        return arrays if str(arrays.pop("settings", "")) == self._settings_text else None
-
-    def write_arrays(self, arrays: Arrays) -> None:
-        """Write a `.npz` file; raises `OutputError` if the system refuses."""
-        with atomic_write(self.path) as temporary, temporary.open("wb") as file:
-            np.savez_compressed(file, **{"settings": np.array(self._settings_text), **arrays})  # type: ignore[arg-type]
-
-    @property
-    def _settings_text(self) -> str:
-        return json.dumps({"form": FORM, **to_json(self.settings)}, sort_keys=True)
-
-
 MEASUREMENTS = "parts"  # Folder of the measurements of a reproduction.
 
 
@@ -96,7 +52,8 @@ MEASUREMENTS = "parts"  # Folder of the measurements of a reproduction.
 class Measurement:
     """Arrays that a function measures once for one seed, such as a calibration loop.
 
-    They hold as long as the code is the same, to the last statement: the library's and the function's own module.
+    They hold as long as the code is the same, to the last statement: the library's and the function's own module, which
+    imports no other module of the experiments.
 
     Attributes
     ----------
@@ -109,13 +66,19 @@ class Measurement:
 
     def read(self, folder: Path) -> dict[str, NDArray[Any]] | None:
         """Return the stored arrays; None if there are none that hold."""
-        return self._entry(folder).read_arrays()
+        try:
+            with np.load(folder / MEASUREMENTS / f"{self.name}.npz") as found:
+                arrays = dict(found)
+        except (OSError, ValueError, EOFError, zipfile.BadZipFile):
+            return None
+        return arrays if str(arrays.pop("code", "")) == self._code else None
 
     def run(self, folder: Path) -> None:
         """Measure and store; raises `OutputError` if the system refuses."""
-        arrays = self.measure()
-        make_folder(folder / MEASUREMENTS)
-        self._entry(folder).write_arrays(arrays)
+        arrays = {"code": np.array(self._code), **self.measure()}
+        path = make_folder(folder / MEASUREMENTS) / f"{self.name}.npz"
+        with atomic_write(path) as temporary, temporary.open("wb") as file:
+            np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
 
     def load(self, folder: Path) -> dict[str, NDArray[Any]]:
         """Return the arrays, measured now if they are missing."""
@@ -125,14 +88,14 @@ class Measurement:
         assert found is not None
         return found
 
-    def _entry(self, folder: Path) -> Entry:
-        settings = {"code": f"{code_sum()} {_sum_module(self.measure.func)}"}
-        return Entry(folder / MEASUREMENTS / f"{self.name}.npz", settings)
+    @property
+    def _code(self) -> str:
+        return f"{FORM} {code_sum()} {_sum_module(self.measure.func)}"
 
 
 @cache
 def _sum_module(function: Callable[..., Any]) -> str:
-    """Sum over the module of a function, which `code_sum` leaves out; it imports no other module of the experiments."""
+    """Sum over the module of a function, which `code_sum` leaves out."""
     return sum_sources([Path(inspect.getfile(function))])
 
 
@@ -210,24 +173,21 @@ def drop_paths(result: Result) -> Result:
     return replace(result, estimate={}, truth=(), whitened={})
 
 
-def encode_flags(used: Sequence[bool]) -> str:
-    """Return one flag a footfall."""
-    return "".join(USED if one else NOT_USED for one in used)
-
-
 def write_result(folder: Path, result: Result) -> None:
-    """Write a result; raises `OutputError` if the system refuses."""
-    Entry(folder / result.key.file, result.settings).write(to_json(result))
+    """Write a result; another process may write at the same time. Raises `OutputError` if the system refuses."""
+    write_text(folder / result.key.file, json.dumps({"form": FORM, **to_json(result)}) + "\n")
 
 
 def read_result(folder: Path, key: Key, settings: Mapping[str, Any]) -> Result | None:
     """Read a result; None if there is none that holds."""
-    content = Entry(folder / key.file, settings).read()
     try:
-        result = None if content is None else _adapter().validate_python(content)
-    except ValidationError:
+        content = json.loads((folder / key.file).read_text(encoding="utf-8"))
+        if content.pop("form") != FORM or content["settings"] != to_json(settings):
+            return None
+        result = _adapter().validate_python(content)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
-    return result if result is not None and result.key == key else None
+    return result if result.key == key else None
 
 
 @cache

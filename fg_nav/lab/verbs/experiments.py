@@ -1,20 +1,17 @@
-"""`fg-nav lab campaign` and `reproduce` on a terminal: progress and remaining time; at the end, the results."""
+"""`fg-nav lab campaign` and `reproduce` on a terminal: progress, and at the end the results."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from statistics import median
 
 from rich.console import Console
-from rich.progress import BarColumn, TextColumn
-from rich.progress import Progress as Bars
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from fg_nav.commands.shared import RESULTS, Answer
-from fg_nav.lab.campaign.command import Request, Summary, run_campaign
-from fg_nav.lab.campaign.dispatch import KILLED, Progress
+from fg_nav.lab.campaign.cluster import KILLED
+from fg_nav.lab.campaign.command import Summary, choose_cluster, run_campaign
 from fg_nav.lab.campaign.folder import TABLES
 from fg_nav.lab.reproduce.command import print_rows
 from fg_nav.lab.reproduce.command import reproduce as reproduce_paper
@@ -32,10 +29,20 @@ MAX_REASONS = 10  # Of failures, that are printed.
 
 def campaign(request: CampaignRequest) -> Answer:
     """Make the results of a plan that are not there yet, and return them all."""
-    out = request.out or RESULTS / request.plan.stem
-    asked = Request(request.plan, out, request.scheduler, request.workers, request.renew, request.retry)
-    with show_progress() as show:
-        done = run_campaign(asked, show, lambda words: remark(f"note: {words}"))
+    out, errors = request.out or RESULTS / request.plan.stem, Console(stderr=True)
+
+    def notify(words: str) -> None:
+        remark(f"note: {words}")
+
+    execute = choose_cluster(request.scheduler, request.workers, notify)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=errors, transient=True, disable=not can_show_progress(errors)) as bars:
+        bar = bars.add_task("results", total=None)
+
+        def show(made: int, total: int) -> None:
+            bars.update(bar, total=total, completed=made)
+
+        done = run_campaign(request.plan, out, execute, request.renew, request.retry, show, notify)
     results = [{**to_json(one.key), "failed": one.failed, "errors": one.errors} for one in done.results]
     content = {"folder": str(out), "stored_before": done.stored, "results": results}
     return Answer(content, partial(print_campaign, done, out))
@@ -48,30 +55,6 @@ def reproduce(request: ReproduceRequest) -> Answer:
         request.paper, out, request.seeds, request.first, request.workers, request.quick, request.force
     )
     return Answer({"folder": str(out), **describe_reproduction(found)}, lambda: print_rows(found, out))
-
-
-@contextmanager
-def show_progress() -> Iterator[Callable[[Progress], None]]:
-    """Show a bar on standard error while the block runs, on a terminal only; yields what updates it."""
-    errors = Console(stderr=True)
-    columns = (TextColumn("{task.description}", markup=False), BarColumn())
-    with Bars(*columns, console=errors, transient=True, disable=not can_show_progress(errors)) as bars:
-        task = bars.add_task("looking at what is there", total=None)
-        yield lambda now: bars.update(task, description=describe_progress(now), total=now.total, completed=now.done)
-
-
-def describe_progress(now: Progress) -> str:
-    """Return the progress in one line."""
-    left = "time left not known yet" if now.left_s is None else f"about {describe_duration(now.left_s)} left"
-    workers = format_count(now.workers, "worker") if now.workers else "no workers yet"
-    return f"{now.done} of {now.total} results, {workers}, {left}"
-
-
-def describe_duration(seconds: float) -> str:
-    """Return a time in words, rounded."""
-    minutes, s = divmod(round(seconds), 60)
-    hours, m = divmod(minutes, 60)
-    return f"{hours} h {m:02d} min" if hours else f"{m} min {s:02d} s" if m else f"{s} s"
 
 
 def print_campaign(done: Summary, place: Path) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import signal
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -66,74 +65,81 @@ def simulate(request: SimulateRequest) -> Answer:
         rests=request.rests, feet=request.feet,
     )  # fmt: skip
     with Target(request.out, request.force, Path(scenario).stem, SIMULATION_FILES | FEET_FILES) as target:
-        if request.both_feet:
-            feet = simulate_named(simulate_both, scenario, seed, choices)
-            walk, content, write = feet.right, describe_simulation(feet.right), partial(write_feet, feet=feet)
-            content["step_width_m"] = feet.step_width_m
-            sides = {side: list_rows(one) for side, one in feet.sides.items()}
-            rows = sides["right"] | {
-                name: f"left {sides['left'][name]}, right {sides['right'][name]}" for name in ("samples", "strides")
-            }
-            rows["step width"] = f"{feet.step_width_m:.3f} m"
-        else:
-            walk = simulate_named(simulate_one, scenario, seed, choices)
-            content, write, rows = describe_simulation(walk), partial(write_simulation, walk=walk), list_rows(walk)
+        feet = simulate_named(simulate_both, scenario, seed, choices) if request.both_feet else None
+        walk = simulate_named(simulate_one, scenario, seed, choices) if feet is None else feet.right
         target.name = walk.scenario.name
         with target.open() as folder:
-            write(folder)
-    rows["files"] = str(target.place)
-    shown = list(rows.items())
-    return Answer(content | {"folder": str(target.place)}, lambda: console().print(listing(shown), soft_wrap=True))
-
-
-def _name_walk(walk: SimulatedWalk) -> dict[str, Any]:
-    """Return the arguments that reproduce the walk."""
-    return {
-        "scenario": walk.scenario.name,
-        "seed": walk.seed,
-        "sensor": walk.scenario.prior.name,
-        "worn": walk.scenario.worn,
-        "site": walk.scenario.site,
-        "field": walk.scenario.field,
-        "rests": walk.scenario.rests,
-        "feet": walk.scenario.feet,
-        "choices": walk.choices,
-    }
-
-
-def describe_simulation(walk: SimulatedWalk) -> dict[str, Any]:
-    """Return for JSON which walk this is; all drawn values are in `truth.json`."""
-    return {
+            if feet is None:
+                write_simulation(folder, walk)
+            else:
+                write_feet(folder, feet)
+    # Which walk this is; all drawn values are in `truth.json`.
+    content = {
         **_name_walk(walk),
         "samples": len(walk.recording),
         "duration_s": walk.recording.duration_s,
         "strides": len(walk.strides),
-        "distance_m": measure_walked(walk),
+        "distance_m": _measure_walked(walk),
         "landmarks": len(walk.landmarks),
+        "folder": str(target.place),
+    }
+    # The same for the terminal, of both feet what differs.
+    rows = {
+        "scenario": f"{walk.scenario.name}: {walk.scenario.summary}",
+        "seed": str(walk.seed),
+        "worn": f"{walk.scenario.worn}, {walk.scenario.prior.name}",
+        "field": f"{walk.scenario.field}, {walk.scenario.site}",
+    }
+    for side, one in {"": walk}.items() if feet is None else feet.sides.items():
+        own = {
+            "samples": f"{len(one.recording)} in {one.recording.duration_s:.1f} s",
+            "strides": f"{len(one.strides)} over {_measure_walked(one):.1f} m of the foot",
+        }
+        for name, words in own.items():
+            rows[name] = ", ".join(filter(None, (rows.get(name), f"{side} {words}".strip())))
+    rows["landmarks"] = format_count(len(walk.landmarks), "crossing") if walk.landmarks else "none"
+    if feet is not None:
+        content["step_width_m"] = feet.step_width_m
+        rows["step width"] = f"{feet.step_width_m:.3f} m"
+    rows["files"] = str(target.place)
+    return Answer(content, lambda: console().print(listing(list(rows.items())), soft_wrap=True))
+
+
+def _name_walk(walk: SimulatedWalk) -> dict[str, Any]:
+    """Return the arguments that reproduce the walk."""
+    names = ("worn", "site", "field", "rests", "feet")
+    return {
+        "scenario": walk.scenario.name,
+        "seed": walk.seed,
+        "sensor": walk.scenario.prior.name,
+        **{name: getattr(walk.scenario, name) for name in names},
+        "choices": walk.choices,
     }
 
 
-def measure_walked(walk: SimulatedWalk) -> float:
+def _measure_walked(walk: SimulatedWalk) -> float:
     """Sum of the moves of the foot, m."""
     return float(np.linalg.norm(np.diff(walk.strides.footprint, axis=0), axis=1).sum())
 
 
 def write_simulation(folder: Path, walk: SimulatedWalk) -> None:
     """Write recording, truth and map into an existing folder."""
-    write_canonical(walk.recording, folder / "recording.csv")
-    _write_trajectory(folder / "truth.tum", walk.recording.truth)
-    write_json(folder / "truth.json", describe_truth(walk))
+    _write_walk(folder, walk, "recording.csv", "")
     _write_surroundings(folder, walk)
 
 
 def write_feet(folder: Path, feet: SimulatedFeet) -> None:
     """Write recordings, truths and map into an existing folder."""
     for side, walk in feet.sides.items():
-        write_canonical(walk.recording, folder / f"{side}.csv")
-        _write_trajectory(folder / f"{side}.truth.tum", walk.recording.truth)
-        write_json(folder / f"{side}.truth.json", describe_truth(walk) | {"step_width_m": feet.step_width_m})
+        _write_walk(folder, walk, f"{side}.csv", f"{side}.", step_width_m=feet.step_width_m)
     _write_trajectory(folder / "person.tum", feet.person)
     _write_surroundings(folder, feet.right)
+
+
+def _write_walk(folder: Path, walk: SimulatedWalk, recording: str, begin: str, **more: float) -> None:
+    write_canonical(walk.recording, folder / recording)
+    _write_trajectory(folder / f"{begin}truth.tum", walk.recording.truth)
+    write_json(folder / f"{begin}truth.json", describe_truth(walk) | more)
 
 
 def _write_trajectory(file: Path, truth: Truth | None) -> None:
@@ -179,27 +185,13 @@ def list_scenarios() -> Answer:
     """Return what can be simulated: scenarios, sensors, fields, sites."""
     scenarios = {name: one.summary for name, one in SCENARIOS.items()}
     parts = {"sensors": list(PRESETS), "fields": list(FIELDS), "sites": list(SITES)}
-    return Answer({"scenarios": scenarios, **parts}, partial(print_scenarios, scenarios, parts))
 
+    def show() -> None:
+        out = console()
+        out.print(listing(list(scenarios.items())), soft_wrap=True)
+        out.print(listing([(part, ", ".join(names)) for part, names in parts.items()]), soft_wrap=True)
 
-def print_scenarios(scenarios: dict[str, str], parts: dict[str, list[str]]) -> None:
-    """Print scenarios with what they are, and the names of the parts that they can be given."""
-    out = console()
-    out.print(listing(list(scenarios.items())), soft_wrap=True)
-    out.print(listing([(part, ", ".join(names)) for part, names in parts.items()]), soft_wrap=True)
-
-
-def list_rows(walk: SimulatedWalk) -> dict[str, str]:
-    """Return name and text of what was simulated, for the terminal."""
-    return {
-        "scenario": f"{walk.scenario.name}: {walk.scenario.summary}",
-        "seed": str(walk.seed),
-        "worn": f"{walk.scenario.worn}, {walk.scenario.prior.name}",
-        "field": f"{walk.scenario.field}, {walk.scenario.site}",
-        "samples": f"{len(walk.recording)} in {walk.recording.duration_s:.1f} s",
-        "strides": f"{len(walk.strides)} over {measure_walked(walk):.1f} m of the foot",
-        "landmarks": format_count(len(walk.landmarks), "crossing") if walk.landmarks else "none",
-    }
+    return Answer({"scenarios": scenarios, **parts}, show)
 
 
 def _describe_field(part: object) -> dict[str, Any]:

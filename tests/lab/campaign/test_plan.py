@@ -1,19 +1,25 @@
-"""Plans: what they ask for, and one sentence for each that cannot be."""
+"""Plans and their methods: what they ask for, and one sentence for each that cannot be."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
-import pyarrow as pa
 import pytest
 
+from fg_nav.calibration.of_recording import Calibration, write_calibration
 from fg_nav.errors import CampaignError
 from fg_nav.io import write_canonical
 from fg_nav.lab.campaign import folder as table
+from fg_nav.lab.campaign.execute import parameters_of, run_task, settings_of, tasks_of
+from fg_nav.lab.campaign.methods import Method, method_of, solve_by
 from fg_nav.lab.campaign.plan import read_plan
+from fg_nav.lab.campaign.walks import NONE, RAW, Simulated, simulate_calibration
 from fg_nav.lab.simulation import simulate
-from tests.command_line import FgNav
+from fg_nav.lab.store.results import Key
 
 GOOD = 'scenarios = ["demo"]\nseeds = 2\nmethods = ["iez", "smoother", "ma2018:physical"]\n'
+OWN = 'like = "demo"\n[course]\npoints_m = [[0, 0], [0, 25]]\n'
+RECORDED = 'recordings = ["walks"]\nmethods = ["ma2018"]\nmagnetometers = ["loop", "perfect", "walk", "raw", "none"]\n'
 
 
 def plan(folder: Path, text: str):
@@ -22,57 +28,45 @@ def plan(folder: Path, text: str):
     return read_plan(path)
 
 
+def settings(found):
+    return list(found.settings(found.list_keys()).values())
+
+
 def test_a_plan_with_the_least_in_it(tmp_path):
     found = plan(tmp_path, GOOD)
     assert (found.fields, found.magnetometers, list(found.seeds)) == (("indoor",), ("loop",), [101, 102])
     assert found.methods == ("iez", "smoother", "ma2018:physical")
     assert list(plan(tmp_path, GOOD + "first_seed = 7").seeds) == [7, 8]
     assert list(plan(tmp_path, GOOD.replace("= 2", "= [5, 3, 5]")).seeds) == [5, 3]
+    twice = plan(tmp_path, 'scenarios = ["demo", "demo"]\nseeds = 1\nmethods = ["iez", "iez:tuned", "iez"]\n')
+    assert (twice.scenarios, twice.methods) == (("demo",), ("iez",))
+    (tmp_path / "plan.toml").write_text(GOOD, encoding="utf-8-sig")
+    assert read_plan(tmp_path / "plan.toml") == found
 
 
-def test_what_is_named_twice_is_made_once(tmp_path):
-    found = plan(tmp_path, 'scenarios = ["demo", "demo"]\nseeds = 1\nmethods = ["iez", "iez:tuned", "iez"]\n')
-    assert (found.scenarios, found.methods) == (("demo",), ("iez",))
+GRIDS = {
+    '["iez", "smoother"]\n[parameters.smoother]\nmagnetic.rounds = [1, 2]\n"walk.floors" = [false, true]\n': (
+        "iez",
+        *(f"smoother,magnetic.rounds={k},walk.floors={word}" for k in (1, 2) for word in ("false", "true")),
+    ),
+    # Those of a preset are before those of all; `iez` is the preset `tuned`, and its name alone is for all presets.
+    **{
+        f'["{word}", "iez:physical"]\n[parameters.iez]\ngravity = 9.8\nacc_density = 1.0\n[parameters."iez:tuned"]\n'
+        "gravity = 9.7\n": ("iez,acc_density=1.0,gravity=9.7", "iez:physical,acc_density=1.0,gravity=9.8")
+        for word in ("iez", "iez:tuned")
+    },
+    # A whole number is a real one.
+    '["ma2018", "ma2018:physical"]\n[parameters.ma2018]\ncompass_sigma_deg = [5, 5.0]\n'
+    '[parameters."ma2018:physical"]\ninertial.smoothed=true\n': (
+        "ma2018,compass_sigma_deg=5.0",
+        "ma2018:physical,compass_sigma_deg=5.0,inertial.smoothed=true",
+    ),
+}
 
 
 def test_parameters_make_a_grid_of_a_method(tmp_path):
-    found = plan(tmp_path, GOOD + '[parameters.smoother]\nmagnetic.rounds = [1, 2]\n"walk.floors" = [false, true]\n')
-    assert found.methods == (
-        "iez",
-        "smoother,magnetic.rounds=1,walk.floors=false",
-        "smoother,magnetic.rounds=1,walk.floors=true",
-        "smoother,magnetic.rounds=2,walk.floors=false",
-        "smoother,magnetic.rounds=2,walk.floors=true",
-        "ma2018:physical",
-    )
-
-
-def test_parameters_of_a_preset_are_its_own_and_before_those_of_all(tmp_path):
-    """`iez` is the preset `tuned`, whichever way it is written; its name alone is for all presets."""
-    for written in ("iez", "iez:tuned"):
-        text = f'scenarios = ["demo"]\nseeds = 1\nmethods = ["{written}", "iez:physical"]\n'
-        text += '[parameters.iez]\ngravity = 9.8\nacc_density = 1.0\n[parameters."iez:tuned"]\ngravity = 9.7\n'
-        assert plan(tmp_path, text).methods == (
-            "iez,acc_density=1.0,gravity=9.7",
-            "iez:physical,acc_density=1.0,gravity=9.8",
-        )
-
-
-def test_a_mark_before_the_text_is_no_part_of_it(tmp_path):
-    """As editors of another system put it there."""
-    (tmp_path / "plan.toml").write_text(GOOD, encoding="utf-8-sig")
-    assert read_plan(tmp_path / "plan.toml") == plan(tmp_path, GOOD)
-
-
-def test_parameters_of_a_method_go_to_its_presets_and_a_whole_number_is_a_real_one(tmp_path):
-    text = 'scenarios = ["demo"]\nseeds = 1\nmethods = ["ma2018", "ma2018:physical"]\n'
-    text += (
-        '[parameters.ma2018]\ncompass_sigma_deg = [5, 5.0]\n[parameters."ma2018:physical"]\ninertial.smoothed=true\n'
-    )
-    assert plan(tmp_path, text).methods == (
-        "ma2018,compass_sigma_deg=5.0",
-        "ma2018:physical,compass_sigma_deg=5.0,inertial.smoothed=true",
-    )
+    for text, methods in GRIDS.items():
+        assert plan(tmp_path, f'scenarios = ["demo"]\nseeds = 1\nmethods = {text}').methods == methods
 
 
 BAD = {
@@ -82,7 +76,6 @@ BAD = {
     "scenarios = 'demo'": "give a list",
     GOOD.replace("demo", "moon"): "no scenario 'moon'",
     GOOD.replace("demo", "pocket-street"): "on no foot",
-    GOOD.replace("demo", "at-rest"): "on no foot",
     GOOD.replace("seeds = 2", ""): "no seeds",
     GOOD.replace("= 2", "= -2"): "seeds cannot be",
     GOOD.replace("= 2", "= true"): "seeds cannot be",
@@ -93,64 +86,80 @@ BAD = {
     GOOD.replace('"iez"', '"magic"'): "no method 'magic'",
     GOOD.replace('"iez"', '"pocket"'): "pocket",
     GOOD.replace('"iez"', '"iez:magic"'): "no preset 'magic'",
-    GOOD.replace('"iez"', '"matched:as-printed"'): "no preset 'as-printed' of 'matched'",
     GOOD.replace('"iez"', '"smoother:physical"'): "smoother has no presets",
     GOOD.replace('"iez"', '"iez,gravity=9"'): "write [parameters.iez]",
     'scenarios = ["demo"]\nseeds = 1': "no methods",
     'fields = ["rough"]\n' + GOOD: "no field 'rough'",
     'magnetometers = ["best"]\n' + GOOD: "no magnetometer 'best'",
     'recordings = ["nowhere"]\n' + GOOD: "no folder",
+    f'recordings = ["{"a" * 300}"]\n' + GOOD: "no folder",
     'recordings = ["empty"]\n' + GOOD: "holds no recordings",
     'recordings = ["walks", "other/walks"]\n' + GOOD: "two folders of recordings are named 'walks'",
     'recordings = ["walks"]\nmethods = ["iez"]\nseeds = 3': "of scenarios",
     GOOD + "parameters = 3": "write [parameters.METHOD]",
     GOOD + "[parameters]\niez = 3": "write [parameters.METHOD]",
     GOOD + "[parameters.aiez]\ngravity = 9.8": "'aiez', which is not among the methods",
-    GOOD + "[parameters.smoother]\nmagic = 1": "no parameter 'magic'",
+    GOOD + '[parameters."iez:physical"]\ngravity = 9.8': "'iez:physical', which is not among the methods",
     GOOD + "[parameters.smoother]\nmagnetic.magic = 1": "no parameter 'magnetic.magic'",
-    GOOD + "[parameters.smoother]\ngravity.magic = 1": "no parameter 'gravity.magic'",
     GOOD + "[parameters.smoother]\nmagnetic = 1": "has parts",
     GOOD + "[parameters.smoother]\nmagnetic.rounds = 1.5": "give a whole number",
     GOOD + "[parameters.smoother]\nmagnetic.rounds = []": "cannot be []",
     GOOD + "[parameters.smoother]\nwalk.floors = 1": "give true or false",
-    GOOD + "[parameters.smoother]\ngravity = true": "give a number",
     GOOD + "[parameters.smoother]\ngravity = nan": "give a number",
-    GOOD + f"[parameters.smoother]\ngravity = 1{'0' * 400}": "give a number",
     GOOD + "[parameters.smoother]\nmagnetic.gate = 'a/b'": "give one word",
-    GOOD + "[parameters.smoother]\nknown_lever = 1": "cannot be 1",
     GOOD + "[parameters.smoother]\nknown_lever = [[1.0, 2.0, 3.0]]": "cannot be",
     GOOD + "[parameters.smoother]\nmagnetic.rounds = 1\n'magnetic.rounds' = [2, 3]": "is given twice",
-    GOOD + '[parameters."iez:magic"]\ngravity = 9.8': "'iez:magic', which is not among the methods",
-    GOOD + '[parameters."iez:physical"]\ngravity = 9.8': "'iez:physical', which is not among the methods",
-    f'recordings = ["{"a" * 300}"]\n' + GOOD: "no folder",
     "seeds = = 3": "is no TOML",
     f"seeds = 1{'0' * 5000}": "too long",
     f"seeds = {'[' * 3000}{']' * 3000}": "too deep",
+    GOOD.replace("demo", "none.toml"): "none.toml cannot be read",
+    GOOD.replace("demo", "bad.toml"): "bad.toml: it has no table [course]",
+    GOOD.replace("demo", "pocket.toml"): "on no foot",
+    GOOD.replace('"demo"', '"own.toml", "walks/own.toml"'): "two scenarios are named 'own.toml'",
+    f"{RECORDED}reading = 3": "write [reading.FOLDER]",
+    f"{RECORDED}[reading]\nformat = 'xio'": "write [reading.FOLDER]",
+    f"{RECORDED}[reading.others]\nformat = 'xio'": "'others', which is no folder of recordings",
+    f"{RECORDED}[reading.walks]\ncolour = 'red'": "no 'colour' in reading.walks",
+    f"{RECORDED}[reading.walks]\nformat = 3": "format of reading.walks cannot be 3",
+    f"{RECORDED}[reading.walks]\nformat = 'tum'": "no format 'tum'",
+    f"{RECORDED}[reading.walks]\ncalibration = 'none.json'": "none.json does not exist",
+    f"{RECORDED}[reading.walks]\ncalibration = 'empty.json'": "empty.json has no magnetometer",
 }
 
 
-@pytest.mark.parametrize(("text", "words"), BAD.items(), ids=range(len(BAD)))
-def test_each_bad_plan_has_its_sentence(tmp_path, text, words):
+def test_each_bad_plan_has_its_sentence(tmp_path):
     for folder in ("empty", "walks", "other/walks"):
         (tmp_path / folder).mkdir(parents=True)
-    for folder in ("walks", "other/walks"):
-        (tmp_path / folder / "a.csv").write_text("nothing\n")
-    with pytest.raises(CampaignError) as error:
-        plan(tmp_path, text)
-    said = str(error.value)
-    assert words in said
-    assert said.startswith("plan.toml")
-    assert "\n" not in said
-    assert said.endswith(".")
+    for name, text in {
+        "walks/a.csv": "x\n", "other/walks/a.csv": "x\n", "own.toml": OWN, "walks/own.toml": OWN, "bad.toml": "",
+        "pocket.toml": f'worn = "pocket"\n{OWN}',
+    }.items():  # fmt: skip
+        (tmp_path / name).write_text(text)
+    write_calibration(tmp_path / "empty.json", Calibration())
+    for text, words in BAD.items():
+        with pytest.raises(CampaignError) as error:
+            plan(tmp_path, text)
+        said = str(error.value)
+        assert words in said, text[:300]
+        assert said.startswith("plan.toml")
+        assert said.endswith(".")
+        assert "\n" not in said
 
 
-def test_a_plan_that_is_none(tmp_path, fg_nav: FgNav):
-    assert fg_nav("lab", "campaign", tmp_path / "none.toml").refused("cannot be read", "none.toml")
-    assert fg_nav("lab", "campaign", tmp_path).refused("cannot be read")
+def test_a_file_that_is_no_plan(tmp_path):
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
-    assert fg_nav("lab", "campaign", tmp_path / "bytes.toml").refused("bytes.toml is no TOML")
-    (tmp_path / "plan.toml").write_text(GOOD)
-    assert fg_nav("lab", "campaign", tmp_path / "plan.toml", "--scheduler", "x", "--workers", 2).refused("--workers")
+    for name, words in (("none.toml", "cannot be read"), (".", "cannot be read"), ("bytes.toml", "is no TOML")):
+        with pytest.raises(CampaignError, match=words):
+            read_plan(tmp_path / name)
+
+
+def test_two_walks_that_would_be_one_file_are_refused(tmp_path):
+    for name in ("a b/w.csv", "a-b/w.csv"):
+        (tmp_path / name).parent.mkdir()
+        (tmp_path / name).write_text("x\n")
+    found = plan(tmp_path, 'recordings = ["a b", "a-b"]\nmethods = ["iez"]\n')
+    with pytest.raises(CampaignError, match=r"'w\.csv' of 'a b' and 'w\.csv' of 'a-b' would be kept in one file"):
+        found.list_keys()
 
 
 def test_the_page_has_a_plan_that_can_be_and_names_every_column(tmp_path):
@@ -159,17 +168,94 @@ def test_the_page_has_a_plan_that_can_be_and_names_every_column(tmp_path):
     (tmp_path / "walks" / "one.csv").touch()
     found = plan(tmp_path, page.partition("```toml\n")[2].partition("```")[0])
     assert (len(found.methods), len(found.walks), len(found.seeds)) == (6, 1, 20)
-    columns = {*table.results_schema(pa).names, *table.timings_schema(pa).names}
-    told = {
-        name for row in page.splitlines() if row.startswith("| `") for name in re.findall(r"`(\w+)`", row.split("|")[1])
+    rows = [row for row in page.splitlines() if row.startswith("| `")]
+    assert {name for row in rows for name in re.findall(r"`(\w+)`", row.split("|")[1])} == {
+        *table.COLUMNS,
+        *table.TIMING_COLUMNS,
     }
-    assert columns <= told
-    assert told - columns == set()
 
 
-def test_folders_of_recordings_are_found_from_where_the_file_is(tmp_path):
+# --- files of the user's own -----------------------------------------------------------------------------------------
+
+
+def test_a_scenario_of_a_file_is_walked_and_makes_others_when_it_changes(tmp_path):
+    (tmp_path / "my walk.toml").write_text(OWN)
+    text = 'scenarios = ["demo", "my walk.toml"]\nseeds = 1\nmethods = ["iez"]\nmagnetometers = ["raw"]\n'
+    found = plan(tmp_path, text)
+    assert found.scenarios == ("demo", "my walk.toml")
+    keys = found.list_keys()
+    _, own = tasks_of(found.settings(keys), found.find_source)
+    [result] = run_task(own)
+    assert (result.key.group, result.failed) == ("my walk.toml", "")
+    (x0, y0), (x1, y1) = result.truth[0], result.truth[-1]
+    assert ((x1 - x0) ** 2 + (y1 - y0) ** 2) ** 0.5 == pytest.approx(25.0, abs=1.0)
+    assert result.errors["origin"].end_m < 1.0
+    builtin, before = settings(found)
+    for text_of, same in (
+        (f"# the same\n{OWN}", True),
+        (OWN.replace("25]", "26]"), False),
+        (OWN.replace('"demo"', '"mall"'), False),
+        (OWN.replace("[course]", "[course]\npace = 1.1"), False),
+    ):
+        (tmp_path / "my walk.toml").write_text(text_of)
+        assert settings(plan(tmp_path, text))[0] == builtin
+        assert (settings(plan(tmp_path, text))[1] == before) == same
+
+
+def test_recordings_are_read_as_asked_and_a_calibration_is_their_loop(tmp_path):
     (tmp_path / "walks").mkdir()
-    write_canonical(simulate("demo", 1).recording, tmp_path / "walks" / "one.csv")
-    found = plan(tmp_path, 'recordings = ["walks"]\nmethods = ["iez"]\n')
-    assert [(walk.group, walk.name) for walk in found.walks] == [("walks", "one.csv")]
-    assert not list(found.seeds)
+    write_canonical(simulate("demo", 101).recording, tmp_path / "walks" / "one.csv")
+    before = plan(tmp_path, RECORDED)
+    assert [key.magnetometer for key in before.list_keys()] == ["walk", "raw", "none"]
+    write_calibration(tmp_path / "foot.json", simulate_calibration("demo", 101))
+    found = plan(tmp_path, f'{RECORDED}[reading.walks]\nformat = "canonical"\ncalibration = "foot.json"\n')
+    asked = found.settings(found.list_keys())
+    by_name = {key.magnetometer: of for key, of in asked.items()}
+    assert list(by_name) == ["loop", "walk", "raw", "none"]
+    assert by_name["loop"]["magnetometer"]["magnetometer"]
+    assert by_name["walk"] == settings(before)[0] | {"format": "canonical"}
+    # The calibration goes with the task.
+    [task] = tasks_of(asked, found.find_source)
+    (tmp_path / "foot.json").unlink()
+    notes = {one.key.magnetometer: "; ".join(one.notes) for one in run_task(task) if not one.failed}
+    assert set(notes) == {"loop", "walk", "raw"}
+    assert "corrected by the calibration" in notes["loop"]
+    assert "corrected by the walk itself" in notes["raw"]
+    wrong = plan(tmp_path, 'recordings = ["walks"]\nmethods = ["iez"]\n[reading.walks]\nformat = "broad"\n')
+    [task] = tasks_of(wrong.settings(wrong.list_keys()), wrong.find_source)
+    assert "so it cannot be 'broad'" in run_task(task)[0].failed
+
+
+# --- methods ---------------------------------------------------------------------------------------------------------
+
+
+def test_parameters_reach_filter_and_smoother_and_the_settings():
+    for word in ("iez", "iez:physical", "smoother,magnetic.gate=ma2018,magnetic.rounds=3,gravity=9.8"):
+        assert method_of(word).word == word
+    prepared = Simulated("demo", "smooth", 101).prepare(RAW)
+    assert prepared.field is not None
+    assert Simulated("demo", "smooth", 101).prepare(NONE).field is None
+    walk = replace(prepared, truth=None)
+    plain, other = (solve_by(word, walk).solution for word in ("ma2018", "ma2018,inertial.zero_velocity_density=0.5"))
+    assert plain.parameters["inertial"]["zero_velocity_density"] != 0.5
+    assert other.parameters["inertial"]["zero_velocity_density"] == 0.5
+    assert abs(other.stances.position - plain.stances.position).max() > 1e-3
+    smoothed = solve_by("inertial,roll_sigma_m=0.5", walk).solution
+    assert (smoothed.method, smoothed.parameters["roll_sigma_m"]) == ("inertial", 0.5)
+    assert "changes" not in parameters_of("iez")
+    one, two = (parameters_of(f"iez,gravity={value}") for value in (9.7, 9.8))
+    assert one["changes"] == {"gravity": 9.7}
+    assert one["changed"] == two["changed"] == parameters_of("iez")
+    key = Key("demo", "smooth", "101", "loop", "iez")
+    assert settings_of(key, recorded=True, files={"a.csv": "1"})["walk"] == {"a.csv": "1"}
+
+
+def test_results_have_files_of_their_own():
+    plain = Key("demo", "smooth", "101", "loop", "iez:physical")
+    assert plain.file == "demo_smooth_loop_iez-physical_101.json"
+    words = [Method("iez", "physical", (("gravity", value),)).word for value in (9.8, 9.81)]
+    assert len({replace(plain, method=word).file for word in words} | {plain.file}) == 3
+    long = [replace(plain, walk="x" * 240 + end).file for end in ("a", "b")]
+    assert long[0] != long[1]
+    assert max(map(len, long)) < 220
+    assert "/" not in replace(plain, walk="folder/a b.csv").file

@@ -77,5 +77,5 @@ def test_what_cannot_be_is_said():
         measure_field_change(np.tile(NORTH, (3, 1)), 3)
     with pytest.raises(EvaluationError, match="window of 0 steps"):
         measure_field_change(np.tile(NORTH, (3, 1)), 0)
-    with pytest.raises(EvaluationError, match="walk farther"):
+    with pytest.raises(EvaluationError, match="window of 3 steps cannot be laid over 2 stances"):
         measure_course_change(np.zeros((2, 3)), 3)

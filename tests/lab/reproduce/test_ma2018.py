@@ -142,7 +142,7 @@ def test_the_same_rows_come_out_of_what_was_kept(found, folder, measured):
         raise AssertionError("made again")
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("fg_nav.lab.reproduce.walks.store_task", must_not)
+        patch.setattr("fg_nav.lab.reproduce.walks.run_task", must_not)
         patch.setattr("fg_nav.lab.store.results.Measurement.run", must_not)
         assert repr(run(folder)) == repr(found)
 

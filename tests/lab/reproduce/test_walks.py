@@ -90,7 +90,7 @@ def test_walks_and_parts_are_made_once(tmp_path, monkeypatch, workers):
     assert [one.key.walk for one in walks] == ["3", "4"]
     assert 0.0 < spread_over(walks, FIGURES["end_m"]).median < 3.0
     assert [bool(one.estimate) for one in walks] == [True, False]
-    monkeypatch.setattr("fg_nav.lab.reproduce.walks.store_task", None)
+    monkeypatch.setattr("fg_nav.lab.reproduce.walks.run_task", None)
     run_missing(tmp_path, keys, [part], workers)
 
 

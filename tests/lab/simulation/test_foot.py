@@ -14,10 +14,9 @@ from fg_nav.lab.simulation.motion import Kinematics, Strides, Style
 from fg_nav.lab.simulation.mount import HEEL, INSTEP, Mount
 from fg_nav.lab.simulation.path import Pose, arc, straight
 from fg_nav.lab.simulation.person import Gait, Person, Shock
-from fg_nav.lab.simulation.plan import Stairs, Stand, TurnOnSpot, Walk, end_of, plan
-from tests.scripts import load_script
-
-consistency = load_script("sample_errors")
+from fg_nav.lab.simulation.plan import Section, Stairs, Stand, TurnOnSpot, Walk, end_of, plan
+from fg_nav.mechanisation import NavState, strapdown
+from fg_nav.samples.gaps import compensate_coning
 
 NONE = Shock(0.0, 0.0, 20.0, 0.1)
 QUIET = dict.fromkeys(("strike", "crack", "slap", "toe_off", "tremor"), NONE)
@@ -41,6 +40,33 @@ class Foot:
 
     def nav_R_foot(self, state: Kinematics) -> np.ndarray:
         return state.nav_R_body @ self.motion.foot_R_body.T
+
+
+def section_of(style: Style, count: int, person: Person) -> Section:
+    """About `count` strides of a style."""
+    if style in (Style.WALK, Style.RUN):
+        return Walk(straight(person.gait(style).stride_m * count), style)
+    if style is Style.TURN:
+        return TurnOnSpot(np.pi / 4 * count)
+    return Stairs(2 * count, up=style is Style.STAIRS_UP)
+
+
+def integration_errors(motion: FootMotion, strides: Strides, rate_hz: float, corrected: bool = False) -> np.ndarray:
+    """Error (K, 3, 3) at the end of each stride: of attitude, mdeg; of velocity, mm/s; of position, mm."""
+    found, period_s = [], 1 / rate_hz
+    for begin, end in zip(strides.start, strides.start + strides.duration, strict=True):
+        t = np.arange(np.ceil(begin * rate_hz), np.floor(end * rate_hz) + 1) / rate_hz
+        rate, force = motion.sampled(t[:-1], period_s)
+        if corrected:
+            force, rate = compensate_coning(force, rate, np.full(len(rate), period_s))
+        ends = motion.at(t[[0, -1]])
+        state = NavState(ends.position[0], ends.velocity[0], ends.nav_R_body[0], np.zeros(3), np.zeros(3))
+        turn, push = np.empty((3, 3)), np.empty(3)
+        for n in range(len(rate)):
+            strapdown(state, force[n], rate[n], period_s, GRAVITY_M_S2, turn, push)
+        off = Rotation.from_matrix(state.nav_R_body.T @ ends.nav_R_body[1]).as_rotvec(degrees=True)
+        found.append([off, state.velocity - ends.velocity[1], state.position - ends.position[1]])
+    return 1e3 * np.array(found)
 
 
 def joined(sections: list) -> list:
@@ -131,15 +157,15 @@ def test_a_sample_is_the_mean_over_its_period(walk: Foot, rate_hz: float) -> Non
 @pytest.mark.parametrize("style", list(Style))
 def test_samples_integrate_to_the_truth(style: Style, mount: Mount) -> None:
     """Plainly to second order; with coning and sculling within 0.3 mm/s and 0.2 mm of each stride at 400 Hz."""
-    foot = made([Stand(1.0), consistency.section_of(style, 12, Person())], mount=mount)
+    foot = made([Stand(1.0), section_of(style, 12, Person())], mount=mount)
     plain = [
-        np.median(np.linalg.norm(consistency.integration_errors(foot.motion, foot.strides, hz), axis=2), axis=0)
+        np.median(np.linalg.norm(integration_errors(foot.motion, foot.strides, hz), axis=2), axis=0)
         for hz in (200.0, 400.0, 800.0)
     ]
     ratio = np.array(plain[:-1]) / plain[1:]
     assert np.all((ratio > 3.5) & (ratio < 4.5)), ratio
     _, velocity, position = np.linalg.norm(
-        consistency.integration_errors(foot.motion, foot.strides, 400.0, corrected=True), axis=2
+        integration_errors(foot.motion, foot.strides, 400.0, corrected=True), axis=2
     ).T.max(axis=1)
     assert velocity < 0.3  # a runner whose heel is hit: where shocks peak
     assert position < 0.2
@@ -229,7 +255,7 @@ def test_just_outside_of_flat_the_foot_lands_and_pushes_off(walk: Foot, dense: K
 @pytest.mark.parametrize("style", list(Style))
 def test_a_foot_is_flat_once_between_two_strides(style: Style) -> None:
     """Of runners too, whose stance is short: who pushes off before he has landed is flat in the middle of the two."""
-    foot = made([Stand(2.0), consistency.section_of(style, 60, Person()), Stand(2.0)])
+    foot = made([Stand(2.0), section_of(style, 60, Person()), Stand(2.0)])
     begin, end = foot.motion.flat.T
     assert (end - begin).min() > 0.009
     assert np.all(begin[1:] > end[:-1])

@@ -15,8 +15,6 @@ from fg_nav.lab.simulation.path import polyline, straight
 from fg_nav.lab.simulation.person import Person
 from fg_nav.lab.simulation.plan import Stairs, Stand, TurnOnSpot, Walk, plan
 from fg_nav.lab.simulation.thigh import Pocket, Ringing, build_thigh_motion
-from tests.real_data import DATA, needs_data
-from tests.scripts import load_script
 
 UP = np.array([0.0, 0.0, 1.0])
 STILL = Pocket(tilt_rad=0.0, posture_rad=0.0)
@@ -285,12 +283,3 @@ def test_forty_four_minutes_take_seconds():
     for k in range(0, len(t), 50_000):
         motion.sampled(t[k : k + 50_000], 0.01)
     assert time.process_time() - began < 3.0
-
-
-@needs_data
-def test_a_real_thigh_moves_like_this():
-    realism = load_script("realism")
-    real, ours = realism.measure_real_strides(DATA), realism.measure_strides(realism.simulate_thigh(seed=1))
-    judged = {name: realism.judge_row(name, real[name], ours[name]) for name in real}
-    assert set(judged.values()) <= {"ok", realism.STRAP}, judged
-    assert list(judged.values()).count("ok") >= 9

@@ -21,17 +21,14 @@ def sum_of(path) -> str:
     return code.sum_sources([path])
 
 
-@pytest.mark.parametrize("name", code.LIBRARIES)
-def test_another_version_of_a_library_makes_another_sum(source, monkeypatch, name):
-    installed, before = metadata.version, sum_of(source)
-    assert sum_of(source) == before
-    assert f"{name} {installed(name)}" in code.describe_runtime()
-    monkeypatch.setattr(metadata, "version", lambda one: "99.0" if one == name else installed(one))
-    assert sum_of(source) != before
-
-
-def test_another_python_makes_another_sum_where_it_can_change_figures(source, monkeypatch):
-    before, (major, minor, micro, *rest) = sum_of(source), sys.version_info
+def test_another_version_of_a_library_or_of_python_makes_another_sum(source, monkeypatch):
+    installed, before, (major, minor, micro, *rest) = metadata.version, sum_of(source), sys.version_info
+    for name in code.LIBRARIES:
+        assert f"{name} {installed(name)}" in code.describe_runtime()
+        with monkeypatch.context() as patch:
+            patch.setattr(metadata, "version", lambda one, name=name: "99.0" if one == name else installed(one))
+            assert sum_of(source) != before
+        assert sum_of(source) == before
     monkeypatch.setattr(sys, "version_info", (major, minor, micro + 1, *rest))
     assert sum_of(source) == before
     monkeypatch.setattr(sys, "version_info", (major, minor + 1, micro, *rest))
@@ -44,6 +41,4 @@ def test_a_library_that_nobody_installed_has_a_version_too(source, monkeypatch):
 
     monkeypatch.setattr(metadata, "version", none)
     sum_of(source)
-    assert code.describe_runtime().endswith(
-        "gtsam unknown, numpy unknown, scipy unknown, numba unknown, pandas unknown"
-    )
+    assert "gtsam unknown, numpy unknown" in code.describe_runtime()

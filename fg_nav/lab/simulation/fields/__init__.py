@@ -4,7 +4,7 @@ Model
 -----
 A field is the flux density B(x) in uT at a place x in m, both in nav (East-North-Up), and static: a `Field`. Fields
 of separate sources add (`Sum`). Away from sources every map here is free of divergence and curl, as `gradient`,
-`divergence` and `curl` show by differences; `scripts/field_maps.py` prints it for each, and draws it.
+`divergence` and `curl` show by differences; `field_maps.py` of b894e160 printed it for each and drew it.
 
 ========= ========================================================== ==============================================
 file      what                                                       source
@@ -16,7 +16,7 @@ sources   magnets and magnetized steel; stray currents in closed     mu_0 / 4 pi
           polygons                                                   Biot and Savart
 floor     a reinforced floor: random harmonic potential; for         fitted to real walks
           stairs, steel buried under the path
-building  pillars, lockers, door frames, beams next to a path;       fitted to real walks; `scripts/realism.py floors`
+building  pillars, lockers, door frames, beams next to a path;       fitted to real walks; docs/simulation.md
           `homogeneous`, `smooth`, `indoor`, `indoor-old`
 ========= ========================================================== ==============================================
 

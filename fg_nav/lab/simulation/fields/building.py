@@ -17,7 +17,7 @@ smooth        large iron some meters off: the field changes by 1 to 2 uT from on
 indoor        a reinforced floor, with pillars, lockers, door frames, steel in the floor, stray currents and a few
               large objects: rough at the foot, milder at the pocket; and a regional field, alike for tens of meters.
               How strong all of it is differs from building to building. Fitted to walks of gdin, openshoe, mtig710
-              and mems_foot together (`scripts/realism.py floors`)
+              and mems_foot together (docs/simulation.md)
 indoor-old    the same objects and floor as they were fitted to the ten gdin walks alone: no regional field, all
               buildings alike. For results that were measured on it
 ============= =====================================================================================================

@@ -15,7 +15,7 @@ sheet without a step and the step of B_horizontal is the magnetized steel in it.
 rough at the foot and mild at the pocket. The sheet lies `depth_m` under the floor, where no sensor is.
 
 What makes a reinforced floor so rough is not its mesh of 15 cm, whose field is gone at 10 cm, but that each bar has
-its own magnetization; wavelengths and strength are those of real walks (`scripts/realism.py foot` and `floors`).
+its own magnetization; wavelengths and strength are those of real walks (`scripts/realism.py`, docs/simulation.md).
 
 Stairs. The floor climbs with the walker, so the same steel is cut into pieces: dipoles of equal size in random
 directions, spread in a strip about and below the path, so that each tread has its own steel under it.

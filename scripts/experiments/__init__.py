@@ -1,0 +1,204 @@
+"""Experiments: what is measured on which walks, how it is summed up, and what is asked of it.
+
+A task is one walk of a section, simulated or read where it is measured; it returns the figures of each variant (a
+method, a preset, a smoother without one of its parts) on that walk. A variant that fails is infinitely bad there.
+Columns sum a figure up over the walks of a section, `over` another variant walk by walk. What is asked is a bound of
+such a sum. `scripts/measure.py` runs, prints and stores them.
+"""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+import harness
+import numpy as np
+from harness import Figure, Option
+
+from fg_nav.arrays import Floats
+from fg_nav.errors import FgNavError
+
+Value: TypeAlias = float | int | str | None
+Figures: TypeAlias = Mapping[str, Value]
+Found: TypeAlias = Mapping[str, Figures]
+"""Figures by variant, of one walk."""
+
+FAILURE = "failure"  # In place of figures: why there are none.
+
+SUMMARIES: Mapping[str, Callable[[Floats], float]] = {
+    "mean": lambda x: float(np.mean(x)),
+    "median": lambda x: float(np.median(x)),
+    "worst": lambda x: float(np.max(x)),
+    "p95": lambda x: float(np.percentile(x, 95, method="linear" if np.isfinite(x).all() else "higher")),
+    "rms": lambda x: float(np.sqrt(np.mean(np.square(x)))),
+    "sum": lambda x: float(np.sum(x)),
+    "geometric mean": lambda x: float(np.exp(np.mean(np.log(x)))),
+}
+SPREAD = "spread"  # Median and 5 to 95 %, in words.
+
+
+@dataclass(frozen=True)
+class Task:
+    """One walk of a section; `measure` returns the figures of each variant, and can be sent to another process."""
+
+    section: str
+    walk: str
+    measure: Callable[[], Found]
+
+
+def attempt(call: Callable[[], Figures]) -> Figures:
+    """Return the figures, or why there are none."""
+    try:
+        return call()
+    except FgNavError as error:
+        return {FAILURE: str(error)}
+
+
+def attempt_task(task: Task) -> Found:
+    """Measure a walk; where it cannot be read or prepared, all its variants are one that failed."""
+    try:
+        return task.measure()
+    except FgNavError as error:
+        return {"all": {FAILURE: str(error)}}
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows: `section`, `walk`, `variant`, and figures by name."""
+
+    rows: Sequence[Mapping[str, Any]]
+
+    @property
+    def sections(self) -> list[str]:
+        """In the order in which they were measured."""
+        return list(dict.fromkeys(row["section"] for row in self.rows))
+
+    def variants(self, section: str) -> list[str]:
+        """Of a section."""
+        return list(dict.fromkeys(row["variant"] for row in self.rows if row["section"] == section))
+
+    def of(self, section: str, variant: str) -> dict[str, Mapping[str, Any]]:
+        """Rows by walk."""
+        return {row["walk"]: row for row in self.rows if (row["section"], row["variant"]) == (section, variant)}
+
+    def values(self, section: str, variant: str, figure: str, over: str = "") -> Floats:
+        """Sizes (W,) of a figure on the walks that have it; infinite where the variant failed and others have it.
+
+        With `over`, the ratio to that variant's on the same walk.
+        """
+        rows, theirs = self.of(section, variant), self.of(section, over)
+        if not any(isinstance(row.get(figure), int | float) for row in self.rows if row["section"] == section):
+            return np.zeros(0)
+        found = []
+        for walk, row in rows.items():
+            value = np.inf if row.get(FAILURE) else row.get(figure)
+            other = theirs.get(walk, {}).get(figure) if over else 1.0
+            if value is not None and other:
+                found.append(abs(float(value)) / abs(float(other)))
+        return np.array(found, dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Column:
+    """A figure over the walks of a section; `summary` has one or more names of `SUMMARIES`, or is `spread`."""
+
+    figure: str
+    head: str
+    summary: str = SPREAD
+    pattern: str = "{:.3f}"
+    over: str = ""
+
+    def write(self, table: Table, section: str, variant: str) -> str:
+        """Write it, `mean / median`; nothing where no walk has it."""
+        values = table.values(section, variant, self.figure, self.over)
+        if not len(values):
+            return ""
+        if self.summary == SPREAD:
+            return harness.spread(values, self.pattern)
+        some = (SUMMARIES[name](values) for name in self.summary.split(" / "))
+        return " / ".join(harness.format_number(value, self.pattern) for value in some)
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Bounds of a figure over the walks of a section; of every section and variant that has it, if none is named."""
+
+    figure: str
+    summary: str
+    low: float = -np.inf
+    high: float = np.inf
+    section: str = ""
+    variant: str = ""
+    over: str = ""
+    pattern: str = "{:.3f}"
+
+    def judge(self, table: Table) -> Iterable[Figure]:
+        """Yield the figure of each section and variant."""
+        for section in [self.section] if self.section else table.sections:
+            for variant in [self.variant] if self.variant else table.variants(section):
+                values = table.values(section, variant, self.figure, self.over)
+                if len(values):
+                    name = f"{self.figure}, {self.summary}" + (f", over {self.over}" if self.over else "")
+                    measured = SUMMARIES[self.summary](values)
+                    yield Figure(section, name, variant, measured, self.low, self.high, self.pattern)
+
+
+Block: TypeAlias = Callable[[Table], list[str]]
+"""Lines of a table in Markdown."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Something to be measured.
+
+    Attributes
+    ----------
+    about : what is measured on what, and what the columns are.
+    list_tasks : the walks, by the arguments.
+    columns, asked : what is shown and what is asked.
+    seeds, first : how many simulated walks, from which on; none of an experiment on recordings alone.
+    options : of the command line, besides those of all.
+    judge : more figures than those of `asked`.
+    blocks : tables of pages, by the names of their marks.
+    keeps_walks : whether each walk is stored, or the sums over the walks alone.
+    """
+
+    about: str
+    list_tasks: Callable[[Namespace], Sequence[Task]]
+    columns: Sequence[Column]
+    asked: Sequence[Asked] = ()
+    seeds: int = 0
+    first: int = harness.FIRST_SEED
+    options: Mapping[str, Option] = field(default_factory=dict)
+    judge: Callable[[Table], list[Figure]] = lambda table: []
+    blocks: Mapping[str, Block] = field(default_factory=dict)
+    keeps_walks: bool = True
+
+
+# --- tables of pages -------------------------------------------------------------------------------------------------
+
+
+def sum_up(table: Table, columns: Sequence[Column]) -> list[list[str]]:
+    """Head, and a row of each section and variant; columns that are empty throughout are left out."""
+    heads = ["section", "variant", "walks", *(column.head for column in columns)]
+    rows = [
+        [section, variant, f"{len(table.of(section, variant))}", *(c.write(table, section, variant) for c in columns)]
+        for section in table.sections
+        for variant in table.variants(section)
+    ]
+    kept = [k for k in range(len(heads)) if k < 3 or any(row[k] for row in rows)]
+    return [[row[k] or "-" for k in kept] for row in [heads, *rows]]
+
+
+def write_row(cells: Sequence[str]) -> str:
+    """Write a row of a table in Markdown; what would end a cell, or be taken for a tag, is escaped."""
+    return (
+        "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ").replace("<i", "&lt;i") for cell in cells) + " |"
+    )
+
+
+def write_table(heads: Sequence[str], rows: Iterable[Sequence[str]], words: int = 1) -> list[str]:
+    """Write a table in Markdown, whose first columns are words and the others figures."""
+    return [write_row(heads), "|---" * words + "|---:" * (len(heads) - words) + "|", *map(write_row, rows)]

@@ -1,0 +1,200 @@
+"""The estimate at the moment: how good it is, and whether its sigmas are true.
+
+Walks are pushed through `OnlineNavigator` in blocks of half a second, stances found on the way.
+"""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import harness
+import numpy as np
+import walks
+
+from experiments import Asked, Column, Experiment, Figures, Found, Task, attempt
+from fg_nav.arrays import Floats
+from fg_nav.evaluation.comparison import compare_at_footfalls
+from fg_nav.frames import compute_heading, wrap_angle
+from fg_nav.lab.campaign.methods import solve_by
+from fg_nav.lab.campaign.walks import LOOP, Recorded, Simulated
+from fg_nav.lab.walked import AS_STARTED, BEST_YAW
+from fg_nav.online import OnlineNavigator
+from fg_nav.online.buffer import OnlineOptions
+from fg_nav.online.estimates import StanceEstimate
+from fg_nav.solution import Solution, StanceTable
+from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
+from fg_nav.walk import Walk
+
+REAL = (walks.GDIN, walks.OPENSHOE, "gdlbio")
+SIMULATED = tuple(f"{name} {level}" for name in ("office", "mall") for level in ("smooth", "indoor"))
+COMPONENTS = ("east", "north", "up", "heading")
+BLOCK_S = 0.5
+SAME_FOOTFALL_S = 0.3  # The stillest samples of one footfall, found on the way and in hindsight, are not farther apart.
+FAR_M = 50.0  # Of path, behind which sigmas that are much too wide count as a fault too.
+
+
+@dataclass(frozen=True)
+class Lines:
+    """What was said of a walk: K lines. Sample (K,), t (K,) s, position (K, 3), heading (K,), sigma (K, 4)."""
+
+    sample: Floats
+    t: Floats
+    position: Floats
+    heading: Floats
+    sigma: Floats
+
+    @property
+    def walked_m(self) -> Floats:
+        """(K,) length of the path to each line."""
+        return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(self.position[:, :2], axis=0), axis=1)))
+
+
+def list_online(chosen: Namespace) -> list[Task]:
+    """Recorded and simulated walks."""
+    data = walks.data_folder(chosen.data)
+    tasks = [
+        Task(name, one.name, partial(measure_line, name, f"{one.path}"))
+        for name in REAL
+        for one in walks.list_set(data, name)
+    ]
+    return tasks + [
+        Task(name, f"{seed}", partial(measure_line, name, f"{seed}"))
+        for name in SIMULATED
+        for seed in harness.seeds_of(chosen)
+    ]
+
+
+def measure_line(section: str, walk: str) -> Found:
+    """Push a walk through with its heading given and not, and run the filter `ma2018` on it where there is a truth."""
+    if section in REAL:
+        prepared = Recorded(Path(walk)).prepare(LOOP)
+    else:
+        scenario, _, level = section.rpartition(" ")
+        prepared = Simulated(scenario, level, int(walk)).prepare(LOOP)
+    found: dict[str, Figures] = {"heading not given": attempt(partial(measure_pushed, prepared, None))}
+    heading = prepared.options.heading_rad
+    if heading is None:  # of a recorded walk that at which the walk without one ended
+        _, navigator = push_walk(prepared, None)
+        heading = float(compute_heading(navigator.finish().stances.nav_R_body[0]))
+    found["heading given"] = attempt(partial(measure_pushed, prepared, heading))
+    if section not in REAL and prepared.truth is not None:
+        filtered = solve_by("ma2018", replace(prepared, truth=None)).solution
+        found["ma2018"] = {"moment (m)": rms_error(filtered, filtered.stances, prepared.truth)}
+    return found
+
+
+def measure_pushed(walk: Walk, heading: float | None) -> Figures:
+    """Compare what a walk said with its end, and its end with the batch solution and the truth."""
+    lines, navigator = push_walk(walk, heading)
+    smoothed, polished = navigator.finish(), navigator.polish()
+    # lines off the path at their samples as the end knows it, over the sigmas told
+    off = lines.position - smoothed.position[lines.sample]
+    turned = wrap_angle(lines.heading - compute_heading(smoothed.nav_R_body[lines.sample]))
+    ratio = np.abs(np.column_stack([off, turned])) / lines.sigma
+    worst, far = ratio.max(axis=1), lines.walked_m > FAR_M
+    gap, share = gap_between(smoothed.stances, polished.stances)
+    found: dict[str, float] = {
+        **{name: float(value) for name, value in zip(COMPONENTS, ratio.max(axis=0), strict=True)},
+        "worst": float(worst.max()),
+        "beyond 3 (%)": float(100 * (worst > 3.0).mean()),
+        "end ratio": compare_ends(lines, smoothed, walk.truth),
+        "gap (m)": gap,
+        "found (%)": 100 * share,
+        "taken back": int((np.abs(smoothed.stances.t[:, None] - lines.t).min(axis=0) > SAME_FOOTFALL_S).sum()),
+    }
+    found |= {"typical": float(np.median(worst[far]))} if far.any() else {}
+    if isinstance(walk.truth, TrajectoryTruth) and heading is not None:
+        assert smoothed.moment is not None
+        tables = (("moment (m)", smoothed.moment), ("smoothed (m)", smoothed.stances), ("batch (m)", polished.stances))
+        found |= {name: rms_error(polished, table, walk.truth) for name, table in tables}
+    return found
+
+
+def push_walk(walk: Walk, heading: float | None) -> tuple[Lines, OnlineNavigator]:
+    """Push a walk through in blocks, and keep the lines of its footfalls; further pieces of a standing are none."""
+    recording = walk.recording
+    navigator = OnlineNavigator(OnlineOptions(heading_rad=heading))
+    block, lines = max(1, round(BLOCK_S / recording.period_s)), []
+    for start in range(0, len(recording), block):
+        part = np.s_[start : start + block]
+        mag = None if recording.mag is None else recording.mag[part]
+        lines += navigator.push(recording.t[part], recording.acc[part], recording.gyr[part], mag)
+    lines += navigator.close()
+    said = [line for line in lines if isinstance(line, StanceEstimate)]
+    new = [line for line in said if not navigator.reported_continues[line.number]]
+    sigma = np.sqrt([np.diagonal(line.pose_cov) for line in new])
+    columns = {name: np.array([getattr(line, name) for line in new]) for name in ("sample", "t", "position", "heading")}
+    return Lines(**columns, sigma=sigma), navigator
+
+
+def compare_ends(lines: Lines, smoothed: Solution, truth: Truth | None) -> float:
+    """Distance over the ground of the last line to the true end, over that of the smoothed walk.
+
+    A walk without a truth ends where it began. Both are laid as the smoothed walk is.
+    """
+    if truth is None:
+        start = smoothed.stances.position[0]
+        off = np.array([lines.position[-1] - start, smoothed.stances.position[-1] - start])
+    else:
+        found = compare_at_footfalls(smoothed, truth, BEST_YAW if isinstance(truth, FootprintTruth) else AS_STARTED)
+        last = found.alignment.apply(lines.position[[np.abs(lines.t - found.t[-1]).argmin()]])
+        off = np.array([last[0] - found.truth[-1], found.error[-1]])
+    at_moment, at_end = np.linalg.norm(off[:, :2], axis=1)
+    return float(at_moment / at_end)
+
+
+def gap_between(one: StanceTable, other: StanceTable) -> tuple[float, float]:
+    """Largest distance (m) of two tables at the footfalls of `other` that are in both, and the share of these."""
+    nearest = np.abs(one.t[:, None] - other.t).argmin(axis=0) if len(one.t) else np.zeros(len(other.t), dtype=int)
+    exact = one.sample[nearest] == other.sample
+    same = np.abs(one.t[nearest] - other.t) < SAME_FOOTFALL_S
+    apart = np.linalg.norm(one.position[nearest] - other.position, axis=1)[exact]
+    return float(apart.max(initial=0.0)), float(same.mean())
+
+
+def rms_error(solution: Solution, table: StanceTable, truth: Truth) -> float:
+    """Over the ground, laid as started, m."""
+    laid = compare_at_footfalls(replace(solution, stances=table), truth, AS_STARTED)
+    return float(np.sqrt(np.mean((laid.error[:, :2] ** 2).sum(axis=1))))
+
+
+EXPERIMENTS: Mapping[str, Experiment] = {
+    "online": Experiment(
+        """Are the lines of a walk in progress true at once, and how near are they to the batch solution.
+
+        Worst |line - smoothed| over the sigma told, by component; typical: median of the largest, beyond 50 m of path;
+        end ratio: distance of the last line to the true end over that of the smoothed walk; gap: largest distance of
+        the end of the stream and its batch solution at the same footfalls; taken back: lines whose footfall the end
+        does not have; moment: error of the estimates as reported, rms over the footfalls, beside that of `ma2018`, a
+        filter.""",
+        list_online,
+        (
+            *(Column(name, name, "worst", "{:.1f}") for name in COMPONENTS),
+            Column("typical", "typical", "median", "{:.2f}"),
+            Column("beyond 3 (%)", "beyond 3 (%)", "mean", "{:.2f}"),
+            Column("end ratio", "end ratio", pattern="{:.2f}"),
+            Column("gap (m)", "gap (m)", "median / worst"),
+            Column("taken back", "taken back", "sum", "{:.0f}"),
+            Column("found (%)", "found (%)", "median", "{:.1f}"),
+            Column("moment (m)", "moment (m)"),
+            Column("moment (m)", "over ma2018", "median", "{:.2f}", "ma2018"),
+            Column("smoothed (m)", "smoothed (m)"),
+            Column("batch (m)", "batch (m)"),
+        ),
+        [
+            Asked("worst", "worst", high=5.0),
+            Asked("beyond 3 (%)", "mean", high=1.0),
+            *(Asked("end ratio", "median", high=1.3, section=name) for name in REAL),
+            *(Asked("gap (m)", "p95", high=0.1, section=name) for name in (*REAL[:2], *SIMULATED)),
+            *(
+                Asked("moment (m)", "median", high=0.7, section=name, variant="heading given", over="ma2018")
+                for name in SIMULATED
+            ),
+        ],
+        seeds=20,
+    ),
+}

@@ -1,0 +1,234 @@
+"""Verdicts on recordings that are walks, with the error of their paths, and on such as are no walk or were spoiled.
+
+============== ====================================================================================================
+good           vicon (ordinary trials), gdin, gdlbio walked, openshoe, xio; simulated walks
+others         mti1_loops, mems_foot, mtig710 and corridor_lab, whatever their sensor, run and clipped gdlbio
+by hand        BROAD: a sensor that is turned and moved by hand, with and without breaks
+crawling       vicon 2018-02-09: crawling and ladders
+worn elsewhere qmt_fullbody: thigh, hand, forearm, head, hip; a phone in a trouser leg
+clipped        real walks with gyroscope and accelerometer cut at half of the largest reading
+20 Hz          real walks, one sample in ten (of 250 Hz, twelve)
+loose          a simulated sensor that turns on the shoe by some degrees in every swing and rings after it
+wrong axes     real walks with the gyroscope negated, two axes exchanged, or one negated
+============== ====================================================================================================
+
+A spoiled recording goes through the door of a file (`Recording.from_raw`) and may be refused there. The error is that
+of the end, over the ground: from the truth, or of a walk that ends where it began from the start. A path is wrong where
+it is off by a tenth of the way, or by three sigmas and 1 % of the way.
+"""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import scipy.io
+import walks
+from harness import Figure, option
+from scipy.spatial.transform import Rotation
+
+from experiments import Column, Experiment, Figures, Found, Table, Task
+from fg_nav.arrays import Floats
+from fg_nav.detection import detect_stances
+from fg_nav.errors import FgNavError
+from fg_nav.io import read_raw
+from fg_nav.lab.simulation import simulate
+from fg_nav.pipeline import prepare_walk, run_method
+from fg_nav.recording import RawRecording, Recording
+from fg_nav.verdict import UNUSABLE, judge_path
+from fg_nav.walk import Options, Walk
+
+TRUSTED, DOUBTFUL, REFUSED = "trusted", "doubtful", "refused"
+WORDS = (TRUSTED, DOUBTFUL, UNUSABLE, REFUSED)
+GOOD, CLIPPED, MTI1 = "good", "clipped", "mti1_loops"
+WALKED = (GOOD, MTI1, "mems_foot", "mtig710", "corridor_lab", "gdlbio run")
+ASKED_SHARE, ASKED_MTI1 = 0.95, 18 / 24
+CLOSED = (
+    "square",
+    "rectangle",
+    "large",
+    "c_shape",
+    "lap_360",
+    "five_small",
+    "hallway",
+    "stairs",
+    "lab_corridor",
+    "openshoe",
+    "xio",
+)
+SEGMENTS = ("upper_leg_left", "upper_leg_right", "hand_right", "forearm_left", "head", "hip")
+FIRST_SEED = 301
+
+Load = Callable[[], RawRecording]
+
+
+def list_cases(data: Path) -> Iterator[tuple[str, str, Load]]:
+    """Yield kind, name and recording of all, good ones first."""
+    sets = ("vicon", "gdin", "running", "gdlbio", "openshoe", "xio")
+    real = [one for name in sets for one in walks.list_set(data, name) if not one.name.startswith("2018-02-09")]
+    for one in real:
+        yield GOOD, one.name, one.read_raw
+    for seed in range(FIRST_SEED, FIRST_SEED + 7):
+        yield GOOD, f"simulated {seed}", partial(_simulate, seed)
+    # walks on other sensors
+    for kind, name in ((MTI1, "mti round"), (MTI1, "mti stairs"), ("gdlbio run", "gdlbio run")):
+        for one in walks.list_set(data, name):
+            yield kind, one.name, one.read_raw
+    for folder in ("mems_foot", "mtig710", "corridor_lab"):
+        for path in sorted((data / folder).glob("*.csv.gz")):
+            name = path.name.removesuffix(".csv.gz")
+            if not name.endswith((".baro", ".gnss")) and "still" not in name:
+                yield "high-passed" if name == "lap_high_passed" else folder, name, partial(_read, path)
+    # no walks
+    no_walks = [
+        ("by hand", "broad/*.mat"),
+        ("crawling", "vicon/2018-02-09*.mat"),
+        ("worn elsewhere", "ridi_leg/*leg2.csv"),
+    ]
+    for kind, pattern in no_walks:
+        for path in sorted(data.glob(pattern)):
+            yield kind, path.stem, partial(_read, path)
+    for segment in SEGMENTS:
+        yield "worn elsewhere", segment, partial(_read_segment, data, segment)
+    # spoiled ones
+    for k, one in enumerate(real[::8][:6]):
+        yield CLIPPED, one.name, partial(_spoil, one.read_raw, clip)
+        yield "20 Hz", one.name, partial(_spoil, one.read_raw, thin_out)
+        yield (
+            "loose",
+            f"simulated {FIRST_SEED + k}",
+            partial(_spoil, partial(_simulate, FIRST_SEED + k), partial(loosen, k)),
+        )
+        change = (-np.eye(3), np.eye(3)[[1, 0, 2]], np.diag([1.0, 1.0, -1.0]))[k % 3]
+        yield "wrong axes", one.name, partial(_spoil, one.read_raw, partial(turn_gyr, change))
+
+
+def list_verdicts(chosen: Namespace) -> list[Task]:
+    """All recordings, or one in so many."""
+    cases = list(list_cases(walks.data_folder(chosen.data)))[:: chosen.every]
+    return [Task(kind, name, partial(judge_case, name, load, tuple(chosen.methods))) for kind, name, load in cases]
+
+
+def judge_case(name: str, load: Load, methods: tuple[str, ...]) -> Found:
+    """Estimate a recording by each method, and judge the paths."""
+    return {method: judge_walk(name, load, method) for method in methods}
+
+
+def judge_walk(name: str, load: Load, method: str) -> Figures:
+    """Word, reasons, error and sigma of the end and the way, m."""
+    try:
+        walk = prepare_walk(Walk.of(Recording.from_raw(load()), Options(mount="foot")))
+        outcome = run_method(walk, method)
+        verdict = judge_path(walk, outcome.solution)
+    except FgNavError as refusal:
+        return {"word": REFUSED, REFUSED: 1, "reasons": str(refusal)}
+    table, error = outcome.solution.stances, outcome.metrics.end_error_m
+    if error is None and any(word in name for word in CLOSED):
+        error = float(np.hypot(*(table.position[-1] - table.position[0])[:2]))
+    way = float(np.hypot(*np.diff(table.position[:, :2], axis=0).T).sum())
+    sigma = float(np.hypot(*table.position_sigma[-1, :2]))
+    wrong = error is not None and (error > 3.0 * np.hypot(sigma, 0.01 * way / 3.0) or error > 0.1 * way)
+    return {"word": verdict.word, verdict.word: 1, "error_m": error, "sigma_m": sigma, "way_m": way,
+            "wrong": int(wrong), "reasons": "; ".join(verdict.reasons)}  # fmt: skip
+
+
+def judge_verdicts(table: Table) -> list[Figure]:
+    """Good ones that are trusted, wrong ones that are, and others that are not."""
+    figures = []
+    for method in dict.fromkeys(row["variant"] for row in table.rows):
+        rows = [row for row in table.rows if row["variant"] == method]
+        good = [row["word"] for row in rows if row["section"] == GOOD and not row.get("wrong")]
+        wrong = [row["word"] for row in rows if row.get("wrong")]
+        mti1 = [row["word"] for row in rows if row["section"] == MTI1]
+        spoiled = [row["word"] for row in rows if row["section"] not in (*WALKED, CLIPPED)]
+        figure = partial(Figure, "verdicts", pattern="{:.0f}")
+        figures += [
+            figure(f"good walks trusted, of {len(good)}", method, good.count(TRUSTED), ASKED_SHARE * len(good)),
+            figure(f"wrong paths trusted, of {len(wrong)}", method, wrong.count(TRUSTED), high=0.0),
+            figure(f"mti1_loops trusted, of {len(mti1)}", method, mti1.count(TRUSTED), ASKED_MTI1 * len(mti1)),
+            figure(f"mti1_loops not to be used, of {len(mti1)}", method, mti1.count(UNUSABLE), high=1.0),
+            figure(f"others not trusted, of {len(spoiled)}", method, len(spoiled) - spoiled.count(TRUSTED),
+                   ASKED_SHARE * len(spoiled)),
+        ]  # fmt: skip
+    return figures
+
+
+# --- making them -----------------------------------------------------------------------------------------------------
+
+
+def _read(path: Path) -> RawRecording:
+    return replace(read_raw(path), mag=None)
+
+
+def _spoil(load: Load, change: Callable[[RawRecording], RawRecording]) -> RawRecording:
+    return change(load())
+
+
+def _read_segment(data: Path, name: str) -> RawRecording:
+    body = scipy.io.loadmat(data / "qmt_fullbody" / "full_body_example_data.mat", simplify_cells=True)
+    within = (body["t"] >= 40.0) & (body["t"] <= 140.0)
+    acc, gyr = (np.asarray(body[name][sensor], dtype=np.float64)[within] for sensor in ("acc", "gyr"))
+    return RawRecording(body["t"][within] - body["t"][within][0], acc, gyr, np.arange(len(acc)))
+
+
+def _simulate(seed: int) -> RawRecording:
+    recording = simulate("demo", seed).recording
+    return RawRecording(recording.t, recording.acc, recording.gyr, np.arange(len(recording)), truth=recording.truth)
+
+
+def clip(raw: RawRecording) -> RawRecording:
+    """Cut acc and gyr at half of the largest reading of any axis."""
+    acc, gyr = (np.clip(x, -0.5 * np.abs(x).max(), 0.5 * np.abs(x).max()) for x in (raw.acc, raw.gyr))
+    return replace(raw, acc=acc, gyr=gyr)
+
+
+def thin_out(raw: RawRecording) -> RawRecording:
+    """Keep the samples of a sensor of 20 Hz, each the reading of an instant."""
+    kept = np.s_[:: max(1, round(1.0 / (20.0 * float(np.median(np.diff(raw.t))))))]
+    return replace(raw, t=raw.t[kept], acc=raw.acc[kept], gyr=raw.gyr[kept], row=raw.row[kept])
+
+
+def turn_gyr(change: Floats, raw: RawRecording) -> RawRecording:
+    """Give the gyroscope other axes than the accelerometer."""
+    return replace(raw, gyr=raw.gyr @ change.T)
+
+
+SLACK_RAD, RING_HZ, RING_S = np.radians(8.0), 9.0, 0.15  # Of a loose sensor: how far it turns, and how it rings.
+
+
+def loosen(seed: int, raw: RawRecording) -> RawRecording:
+    """Let the sensor turn on the shoe: to another angle within its slack in each swing, ringing as it comes to rest."""
+    rng = np.random.default_rng(seed)
+    stances = detect_stances(Recording.from_raw(raw))
+    slack, angle = np.zeros((len(raw.t), 3)), np.zeros(3)
+    for start, stop in zip(stances.stop[:-1], stances.start[1:], strict=True):
+        target = SLACK_RAD * rng.uniform(-1.0, 1.0, 3)
+        share = np.linspace(0.0, 1.0, stop - start)[:, None]
+        slack[start:stop] = angle + (target - angle) * (3 - 2 * share) * share**2
+        slack[stop:] = target
+        late = raw.t[stop:] - raw.t[stop]
+        ring = 0.5 * SLACK_RAD * np.exp(-late / RING_S) * np.sin(2 * np.pi * RING_HZ * late)
+        slack[stop:] += ring[:, None] * rng.uniform(-1.0, 1.0, 3)
+        angle = target
+    body_R_loose = Rotation.from_rotvec(slack)
+    step = (body_R_loose[:-1].inv() * body_R_loose[1:]).as_rotvec() / np.diff(raw.t)[:, None]
+    gyr = body_R_loose.inv().apply(raw.gyr) + np.vstack([step, np.zeros(3)])
+    return replace(raw, acc=body_R_loose.inv().apply(raw.acc), gyr=gyr)
+
+
+EXPERIMENTS: Mapping[str, Experiment] = {
+    "verdicts": Experiment(
+        f"Verdicts on good, spoiled and other recordings, with the errors of their paths.\n\n{__doc__}",
+        list_verdicts,
+        tuple(Column(word, word, "sum", "{:.0f}") for word in (*WORDS, "wrong")),
+        options={
+            "every": option(1, "one recording in so many is looked at", metavar="NTH"),
+            "methods": option(["smoother"], "methods", nargs="+", metavar="NAME"),
+        },
+        judge=judge_verdicts,
+    ),
+}

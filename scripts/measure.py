@@ -1,0 +1,208 @@
+"""Measure what README and docs say of the estimators, and keep it for their tables.
+
+    python scripts/measure.py                                   what there is to measure
+    python scripts/measure.py real-walks --only gdin --per-walk
+    python scripts/measure.py coverage --seeds 20 --jobs 2 --save
+
+Without `--save` figures are printed alone. With it the rows go to the store, `docs/results/NAME.json`, section by
+section, each with date, commit and seeds; sections that were not measured anew stay as they were. `write_results.py`
+makes the tables of it. `--store DIR` is another store, for trials.
+
+Parameters were chosen on plateaus seen on the same recordings. `--half seen` takes every other recording of a set, to
+choose on, and `--half kept` those in between, to see what it is worth elsewhere. Seeds from 101 on are reported.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from argparse import Namespace
+from collections.abc import Mapping, Sequence
+from datetime import date
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import harness
+from experiments import (
+    FAILURE,
+    SPREAD,
+    SUMMARIES,
+    Experiment,
+    Table,
+    Task,
+    accuracy,
+    attempt_task,
+    feet,
+    magnetic,
+    online,
+    places,
+    pocket,
+    sum_up,
+    verdicts,
+)
+from harness import option
+
+from fg_nav.errors import SimulationError
+from fg_nav.report.terminal import console
+
+EXPERIMENTS: Mapping[str, Experiment] = {
+    name: one
+    for module in (accuracy, verdicts, magnetic, places, feet, pocket, online)
+    for name, one in module.EXPERIMENTS.items()
+}
+ROOT = Path(__file__).resolve().parents[1]
+STORE = ROOT / "docs" / "results"
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Measure, print, judge and store one experiment, or list them."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    if not given or given[0] not in EXPERIMENTS:
+        if given and not given[0].startswith("-"):
+            raise SimulationError(f"there is no experiment '{given[0]}': choose one of {', '.join(EXPERIMENTS)}.")
+        print(__doc__)
+        harness.print_table(("experiment", ""), [(name, one.about.split("\n")[0]) for name, one in EXPERIMENTS.items()])
+        return
+    name, experiment = given[0], EXPERIMENTS[given[0]]
+    chosen = parse(experiment, given[1:])
+    table = run_tasks(select_tasks(experiment, chosen), chosen.jobs)
+    print_sums(experiment, table)
+    if chosen.per_walk:
+        print_walks(table)
+    figures = [figure for asked in experiment.asked for figure in asked.judge(table)] + experiment.judge(table)
+    harness.print_figures(figures)
+    harness.print_verdict(figures, chosen.json, rows=table.rows)
+    if chosen.save:
+        path = save(chosen.store, name, experiment, table, describe_seeds(chosen))
+        console().print(f"stored: {path}", soft_wrap=True)
+
+
+def parse(experiment: Experiment, arguments: Sequence[str]) -> Namespace:
+    """Parse the options that all experiments have, and the experiment's own."""
+    seeds = {"seeds": experiment.seeds, "first": experiment.first} if experiment.seeds else {}
+    return harness.parse_arguments(
+        experiment.about,
+        arguments,
+        **seeds,
+        only=option(None, "sections whose names begin so", nargs="+", metavar="SECTION"),
+        half=option("both", "of the recordings", choices=("both", "seen", "kept")),
+        data=None,
+        jobs=1,
+        per_walk=False,
+        json=None,
+        save=option(False, "keep the rows in the store"),
+        store=option(STORE, "the store", type=Path, metavar="DIR"),
+        **experiment.options,
+    )
+
+
+def select_tasks(experiment: Experiment, chosen: Namespace) -> list[Task]:
+    """List the walks that were asked for."""
+    tasks = [
+        task
+        for task in experiment.list_tasks(chosen)
+        if chosen.only is None or any(task.section.startswith(begin) for begin in chosen.only)
+    ]
+    if not tasks:
+        raise SimulationError("there is no such section: see the first column of the table without --only.")
+    if chosen.half == "both":
+        return tasks
+    kept, number = [], dict[str, int]()
+    for task in tasks:
+        k = number[task.section] = number.get(task.section, -1) + 1
+        if task.walk.isdigit() or (k % 2 == 0) == (chosen.half == "seen"):
+            kept.append(task)
+    return kept
+
+
+def run_tasks(tasks: Sequence[Task], jobs: int) -> Table:
+    """Measure all walks, in their order."""
+    found = harness.map_walks(attempt_task, tasks, jobs)
+    rows: list[Mapping[str, Any]] = []
+    for task, variants in zip(tasks, found, strict=True):
+        for variant, figures in variants.items():
+            rows.append({"section": task.section, "walk": task.walk, "variant": variant, **figures})
+    return Table(rows)
+
+
+def print_sums(experiment: Experiment, table: Table) -> None:
+    """Print a table of each group of sections that have the same columns."""
+    groups: dict[tuple[bool, ...], list[str]] = {}
+    for section in table.sections:
+        has = (any(c.write(table, section, v) for v in table.variants(section)) for c in experiment.columns)
+        groups.setdefault(tuple(has), []).append(section)
+    for sections in groups.values():
+        heads, *rows = sum_up(Table([row for row in table.rows if row["section"] in sections]), experiment.columns)
+        print()
+        harness.print_table(heads, rows)
+    for row in table.rows:
+        if row.get(FAILURE):
+            console().print(f"{row['section']}, {row['walk']}, {row['variant']}: {row[FAILURE]}", soft_wrap=True)
+
+
+def print_walks(table: Table) -> None:
+    """Print every figure of every walk."""
+    for section in table.sections:
+        some = [row for row in table.rows if row["section"] == section]
+        names = list(dict.fromkeys(name for row in some for name in row if name != "section"))
+        harness.print_heading(section)
+        harness.print_table(names, [[_cell(row.get(name)) for name in names] for row in some])
+
+
+def _cell(value: object) -> str:
+    return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+# --- the store -------------------------------------------------------------------------------------------------------
+
+
+def save(folder: Path, name: str, experiment: Experiment, table: Table, seeds: str) -> Path:
+    """Put the sections that were measured in place of what the store has of them; returns the file."""
+    if not experiment.keeps_walks:
+        table = keep_sums(experiment, table)
+    path = folder / f"{name}.json"
+    old = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {"made": {}, "rows": []}
+    made = {"date": date.today().isoformat(), "commit": read_commit()} | ({"seeds": seeds} if seeds else {})
+    rows = [row for row in old["rows"] if row["section"] not in table.sections]
+    rows += [{key: _round(value) for key, value in row.items() if value is not None} for row in table.rows]
+    content = {"made": old["made"] | dict.fromkeys(table.sections, made), "rows": rows}
+    folder.mkdir(parents=True, exist_ok=True)
+    harness.write_json(path, content)
+    return path
+
+
+def keep_sums(experiment: Experiment, table: Table) -> Table:
+    """Return one row a section and variant: its sums over the walks, by the names of the columns."""
+    rows = []
+    for section in table.sections:
+        for variant in table.variants(section):
+            row: dict[str, Any] = {"section": section, "walk": f"{len(table.of(section, variant))}", "variant": variant}
+            for column in experiment.columns:
+                values = table.values(section, variant, column.figure, column.over)
+                summary = "median" if column.summary == SPREAD else column.summary
+                row |= {column.head: SUMMARIES[summary](values)} if len(values) else {}
+            rows.append(row)
+    return Table(rows)
+
+
+def _round(value: object) -> object:
+    return harness.finite(float(f"{value:.5g}")) if isinstance(value, float) else value
+
+
+def describe_seeds(chosen: Namespace) -> str:
+    """Seeds in words; none of an experiment on recordings alone."""
+    return f"{chosen.first} to {chosen.first + chosen.seeds - 1}" if hasattr(chosen, "seeds") else ""
+
+
+def read_commit() -> str:
+    """Commit of the checkout, with a plus where files differ from it; none outside of one."""
+    git = partial(subprocess.run, cwd=ROOT, capture_output=True, text=True)
+    commit = git(["git", "rev-parse", "--short=8", "HEAD"]).stdout.strip()
+    changed = git(["git", "status", "--porcelain", "--", "fg_nav", "factors", "scripts"]).stdout.strip()
+    return f"{commit}+" if commit and changed else commit
+
+
+if __name__ == "__main__":
+    harness.run(main)

@@ -1,0 +1,471 @@
+"""What `fg-nav stream` stands: a day of walking, kills, rubbish, datagrams on a busy machine, a thousand listeners.
+
+    python scripts/stress.py hours [--hours N] [--lag SECONDS] [--rate HZ] [--real-time MINUTES]
+    python scripts/stress.py kills [--kills N] [--hours N] [--lag SECONDS] [--hogs N]
+    python scripts/stress.py rubbish [--megabytes N]
+    python scripts/stress.py udp [--minutes N] [--hogs N]
+    python scripts/stress.py listeners [--clients N] [--seconds S]
+
+hours      A simulated walk with a magnetometer, repeated as long as it takes, goes to standard input as fast as it is
+           read: an hour a row, with its time, its memory, and the longest time that the command did not read. The last
+           minutes (`--real-time`) go as they are walked; how far it is behind is how long the pipe was never empty.
+kills      The same walk twice, once with `--record FILE --resume`, killed (SIGKILL) at random samples and begun again,
+           in turn with all rows, as of a file, and with those from `AGAIN_S` before the last recorded one on, as of a
+           logger: no line may be missing or told twice, and the whole must end the same.
+rubbish    What a line of `--megabytes`, a million empty lines, bytes that are no
+           text or NULs between the halves of a walk cost it in rows, footfalls and memory.
+udp        Rows at 400 Hz in their time, one a datagram, `--hogs` busy loops beside: rows lost, and whether it is said.
+listeners  A line a second and statuses to port and page, beside clients that read, that never do, and that send
+           garbage: how long the thread of the walk is held up, and when a line arrives at an honest listener.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import multiprocessing
+import re
+import socket
+import subprocess
+import sys
+import tempfile
+import termios
+import threading
+import time
+from argparse import Namespace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass, field
+from multiprocessing.synchronize import Event
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import harness
+import numpy as np
+from harness import FIRST_SEED, Figure, option
+from walks import RepeatedWalk, simulate_long_walk
+
+from fg_nav.columns.mapping import CANONICAL
+from fg_nav.io import read_raw
+from fg_nav.io.writing import format_rows
+from fg_nav.online.rows import RowReader
+from fg_nav.view.outlets import STATUS_S, ListenerProcess, open_port
+from fg_nav.view.servers import LIVE
+
+HEADER = ",".join(CANONICAL[:10]).encode() + b"\n"
+PROCESSES = multiprocessing.get_context("spawn")
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The lines of a repeated walk by number, stamped evenly: `tails` are those of its samples without their stamps."""
+
+    walk: RepeatedWalk
+    tails: list[bytes]
+    period_s: float
+
+    @classmethod
+    def simulate(cls, seed: int, rate_hz: float, minutes: float = 60.0) -> Rows:
+        """Simulate a walk with a magnetometer that goes on for ever."""
+        walk = RepeatedWalk.of(simulate_long_walk(minutes, seed, rate_hz, "indoor"))
+        assert walk.recording.mag is not None
+        samples = np.column_stack([walk.recording.acc, walk.recording.gyr, walk.recording.mag])
+        tails = "".join(format_rows(samples, "%.9g", ",")).encode().splitlines(keepends=True)
+        return cls(walk, tails, walk.recording.period_s)
+
+    def format(self, start: int, stop: int) -> bytes:
+        """Return the lines of samples `start <= i < stop`."""
+        numbers = self.walk.number(np.arange(start, stop)).tolist()
+        return b"".join(b"%.6f,%b" % ((start + k) * self.period_s, self.tails[n]) for k, n in enumerate(numbers))
+
+
+def read_memory_mb(process: int | str, key: str = "VmRSS") -> float:
+    """Return the memory of a process, MB, at its highest with `VmHWM`; NaN where the system does not show it."""
+    with suppress(OSError):
+        found = re.search(key + r":\s+(\d+) kB", Path(f"/proc/{process}/status").read_text())
+        return float(found.group(1)) / 1e3 if found else float("nan")
+    return float("nan")
+
+
+@dataclass
+class Follower:
+    """A running `fg-nav stream SOURCE`: its lines as they come, and its highest memory, MB."""
+
+    source: str
+    words: Sequence[str] = ()
+    lines: list[dict[str, Any]] = field(default_factory=list)
+    highest_mb: float = 0.0
+
+    def __post_init__(self) -> None:
+        command = [sys.executable, "-m", "fg_nav.cli", "stream", self.source, *self.words]
+        self.process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        )
+        assert self.process.stdin is not None
+        self.stdin = self.process.stdin
+        self._reader = threading.Thread(target=self._collect, daemon=True)
+        self._reader.start()
+
+    def _collect(self) -> None:
+        for line in self.process.stdout or ():
+            with suppress(ValueError):  # the kill cut it off
+                self.lines.append(json.loads(line))
+
+    def write(self, piece: bytes) -> float:
+        """Write bytes; return how long they were not taken, s."""
+        began = perf_counter()
+        self.stdin.write(piece)
+        self.stdin.flush()
+        return perf_counter() - began
+
+    def has_unread(self) -> bool:
+        """Whether there are bytes that it has not taken."""
+        return any(fcntl.ioctl(self.stdin.fileno(), termios.FIONREAD, bytes(4)))
+
+    def measure_memory(self) -> float:
+        """Return MB of the command and of the process beside it."""
+        children = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children")
+        pids = [self.process.pid, *(children.read_text().split() if children.exists() else ())]
+        found = float(np.nansum([read_memory_mb(pid) for pid in pids]))
+        self.highest_mb = max(self.highest_mb, found)
+        return found
+
+    def end(self, kill: bool = False) -> None:
+        """Close its input, or kill it, and wait for it."""
+        if kill:
+            self.process.kill()
+        with suppress(BrokenPipeError):
+            self.stdin.close()
+        while self.process.poll() is None:
+            self.highest_mb = max(self.highest_mb, np.nan_to_num(read_memory_mb(self.process.pid, "VmHWM")))
+            time.sleep(0.02)
+        self._reader.join()
+
+
+@contextmanager
+def keep_busy(count: int) -> Iterator[None]:
+    """Have so many processes that keep a core busy each."""
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
+    try:
+        yield
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
+
+
+# --- hours and kills -------------------------------------------------------------------------------------------------
+
+BLOCK_S, PACE_S = 1.0, 0.05  # samples written at once, as fast as they are read and as they are walked
+AGAIN_S = 10.0  # samples before the last save that are sent again after a kill: less than the lag
+MAX_WAIT_S, MAX_DIFFERENCE = 0.5, 0.1  # asked: of rows that come as they are walked, a stride; sigmas at the end
+SAME_S = 1e-6
+
+
+def measure_hours(given: Namespace) -> list[Figure]:
+    """Send a walk, an hour after the other, and some minutes more in their time."""
+    rows, follower = Rows.simulate(given.seed, given.rate), Follower("-", ["--lag", f"{given.lag:g}"])
+    follower.write(HEADER)
+    hour, block, samples = (round(s / rows.period_s) for s in (3600.0, BLOCK_S, 3600.0 * given.hours))
+    took, waits, memory = list[float](), list[float](), list[float]()
+    for begin in range(0, samples, hour):
+        began, end, wait_s = perf_counter(), min(begin + hour, samples), 0.0
+        for start in range(begin, end, block):
+            wait_s = max(wait_s, follower.write(rows.format(start, min(start + block, end))))
+        took, waits, memory = [*took, perf_counter() - began], [*waits, wait_s], [*memory, follower.measure_memory()]
+        speed = (end - begin) * rows.period_s / took[-1]
+        print(
+            f"hour {len(took)}: {speed:.1f} times faster, {memory[-1]:.0f} MB, longest wait {wait_s:.2f} s", flush=True
+        )
+    behind_s = follow_in_time(rows, samples, round(60.0 * given.real_time / rows.period_s), follower)
+    follower.end()
+    name, speed = f"{given.hours:g} hours", 3600.0 * given.hours / sum(took)
+    return [
+        Figure(name, "times faster than walked", "stream", speed, low=1.0, pattern="{:.1f}"),
+        Figure(name, "longest wait (s)", "stream", max(waits)),
+        Figure(name, "lines", "stream", len(follower.lines), pattern="{:.0f}"),
+        Figure(name, "memory, highest (MB)", "stream", follower.highest_mb, pattern="{:.0f}"),
+        Figure(name, "memory at the end over that of hour 2", "stream", memory[-1] / memory[:2][-1]),
+        Figure(name, "longest wait of rows as walked (s)", "stream", behind_s, high=MAX_WAIT_S),
+    ]
+
+
+def follow_in_time(rows: Rows, start: int, count: int, follower: Follower) -> float:
+    """Send samples as they are walked; return the longest time for which there was always something to be read, s."""
+    block, longest = round(PACE_S / rows.period_s), 0.0
+    began = empty = perf_counter()
+    for k in range(0, count, block):
+        time.sleep(max(began + k * rows.period_s - perf_counter(), 0.0))
+        now = perf_counter()
+        empty = empty if follower.has_unread() else now
+        longest = max(longest, now - empty)
+        follower.write(rows.format(start + k, start + k + block))
+    return longest
+
+
+def measure_kills(given: Namespace) -> list[Figure]:
+    """Send a walk to a command that is killed again and again, and to one that is not; compare their lines."""
+    rows, figures = Rows.simulate(given.seed, given.rate, max(3.0, 60.0 * min(given.hours, 1.0))), []
+    block, again, samples = (round(s / rows.period_s) for s in (BLOCK_S, AGAIN_S, 3600.0 * given.hours))
+    for mode, words in (("the whole walk", []), (f"a lag of {given.lag:g} s", ["--lag", f"{given.lag:g}"])):
+        kills = np.sort(np.random.default_rng(given.seed).integers(samples // 20, samples, given.kills)).tolist()
+        with keep_busy(given.hogs), tempfile.TemporaryDirectory() as name:
+            record, told, begin = Path(name) / "walk.csv", list[dict[str, Any]](), 0
+            for number, end in enumerate([samples, *kills, samples]):
+                saved = ["--record", str(record), "--resume"] if number else []
+                follower = Follower("-", [*words, *saved])
+                follower.write(HEADER)
+                for start in range(begin, end, block):
+                    follower.write(rows.format(start, min(start + block, end)))
+                follower.end(kill=end != samples)
+                if number == 0:
+                    whole = follower.lines
+                    continue
+                told += follower.lines
+                known = record.read_bytes().count(b"\n") - 1 if record.exists() else 0
+                begin = 0 if number % 2 else max(known - again, 0)
+        missing, twice, difference = compare_lines(whole, told)
+        high = np.inf if words else MAX_DIFFERENCE  # with a lag the end depends on when it was solved
+        figures += [
+            Figure(mode, "lines", "stream", len(whole), low=1, pattern="{:.0f}"),
+            Figure(mode, "lines missing", "stream", missing, high=0, pattern="{:.0f}"),
+            Figure(mode, "lines twice", "stream", twice, high=0, pattern="{:.0f}"),
+            Figure(mode, "end, sigmas", "stream", difference, high=high),
+        ]
+    return figures
+
+
+def compare_lines(whole: Sequence[dict[str, Any]], told: Sequence[dict[str, Any]]) -> tuple[int, int, float]:
+    """Return how many footfalls have no line that stands, how many lines came twice, and the difference at the end."""
+    stamps = []
+    for lines in (whole, told):
+        gone = {line["stance"] for line in lines if line["kind"] == "retracted"}
+        stamps.append([line["t"] for line in lines if line["kind"] == "now" and line["stance"] not in gone])
+    missing = sum(not any(abs(t - other) < SAME_S for other in stamps[1]) for t in stamps[0])
+    numbers = [line["stance"] for line in told if line["kind"] == "now"]
+    ends = [[line for line in lines if line["kind"] == "smoothed"] for lines in (whole, told)]
+    place, other = (np.array([line["position_m"] for line in lines]) for lines in ends)
+    sigma = np.maximum([line["position_sigma_m"] for line in ends[0]], 1e-3)
+    difference = float((np.abs(other - place) / sigma).max()) if len(place) == len(other) > 0 else np.inf
+    return missing, len(numbers) - len(set(numbers)), difference
+
+
+# --- what a source may send ------------------------------------------------------------------------------------------
+
+UDP_HZ, SILENCE_S, BEGIN_S = 400.0, "10", 60.0  # a walk ends after so long without a row; a port is open after so long
+MAX_MORE_MB = 30.0  # asked: memory over that of a clean walk
+
+
+def make_lines(seconds: float) -> list[bytes]:
+    """Return lines at 400 Hz."""
+    rows = Rows.simulate(FIRST_SEED, UDP_HZ, 4.0)
+    return rows.format(0, round(seconds * UDP_HZ)).splitlines(keepends=True)
+
+
+def compare_rows(lines: Sequence[bytes], record: Path) -> int:
+    """Count the rows that were sent and not recorded."""
+    raw = read_raw(record)
+    mag = np.full_like(raw.acc, np.nan) if raw.mag is None else raw.mag
+    came = {row.tobytes() for row in np.column_stack([raw.t, raw.acc, raw.gyr, mag])}
+    sent = RowReader("what is sent").read(HEADER + b"".join(lines))[:, :10]
+    return sum(row.tobytes() not in came for row in sent)
+
+
+def measure_rubbish(given: Namespace) -> list[Figure]:
+    """What rubbish between the halves of a walk does to it."""
+    lines, figures = make_lines(20.0), list[Figure]()
+    drawn, clean = np.random.default_rng(1).bytes(10 << 20), (0.0, 0)
+    rubbish = {
+        "none": b"",
+        f"a line of {given.megabytes} MB": b"7" * (given.megabytes << 20) + b"\n",
+        "1 million empty lines": b"\n" * 10**6,
+        "10 MB of random bytes": drawn + b"\n",
+        "10 MB of NULs": b"\0" * (10 << 20) + b"\n",
+    }
+    for name, between in rubbish.items():
+        with tempfile.TemporaryDirectory() as folder:
+            follower = Follower("-", ["--heading", "0", "--record", f"{folder}/record.csv"])
+            for piece in (HEADER, *lines[: len(lines) // 2], between, *lines[len(lines) // 2 :]):
+                follower.write(piece)
+            follower.end()
+            footfalls = sum(line["kind"] == "smoothed" for line in follower.lines)
+            missing = compare_rows(lines, Path(folder) / "record.csv")
+        clean = (follower.highest_mb, footfalls) if name == "none" else clean
+        figures += [
+            Figure("rubbish", "memory more, MB", name, follower.highest_mb - clean[0], high=MAX_MORE_MB),
+            Figure("rubbish", "rows missing", name, missing, high=0, pattern="{:.0f}"),
+            Figure("rubbish", "footfalls more", name, footfalls - clean[1], 0, 0, "{:.0f}"),
+        ]
+    return figures
+
+
+def measure_udp(given: Namespace) -> list[Figure]:
+    """Rows lost of a walk that is sent in its own time to a busy machine, and what is said of it."""
+    lines = make_lines(60.0 * given.minutes)
+    with closing(socket.socket(type=socket.SOCK_DGRAM)) as out, tempfile.TemporaryDirectory() as folder:
+        out.bind(("127.0.0.1", 0))
+        host, port = out.getsockname()
+        out.close()
+        files = ["--record", f"{folder}/record.csv", "--out", f"{folder}/out", "--plots", "none"]
+        follower = Follower(f"udp://{host}:{port}", ["--heading", "0", "--silence", SILENCE_S, *files])
+        with keep_busy(given.hogs), closing(socket.socket(type=socket.SOCK_DGRAM)) as out:
+            until = perf_counter() + BEGIN_S
+            while not (Path(folder) / "record.csv").exists() and perf_counter() < until:
+                time.sleep(0.1)
+            time.sleep(2.0)  # its record is there, and the port nearly so
+            began = perf_counter()
+            for k, line in enumerate(lines):
+                time.sleep(max(began + k / UDP_HZ - perf_counter(), 0.0))
+                out.sendto(HEADER + line, (host, port))
+            follower.end()
+        lost = compare_rows(lines, Path(folder) / "record.csv")
+        notes = json.loads((Path(folder) / "out" / "summary.json").read_text())["notes"]
+    told = [words for words in notes if "were lost" in words or "no room" in words]
+    case = f"{given.hogs} busy loops"
+    return [
+        Figure("udp", "rows sent", case, len(lines), pattern="{:.0f}"),
+        Figure("udp", "rows lost", case, lost, high=0, pattern="{:.0f}"),
+        Figure("udp", "losses told wrongly", case, float((lost > 0) != bool(told)), high=0, pattern="{:.0f}"),
+        Figure("udp", "footfalls", case, sum(line["kind"] == "smoothed" for line in follower.lines), low=1),
+    ]
+
+
+# --- listeners -------------------------------------------------------------------------------------------------------
+
+TICK_S, TICKS_A_LINE, COMING_S, HELD_UP_MS = 0.02, 50, 0.003, 50.0  # of the walk's thread; a client to connect; asked
+HOST = "127.0.0.1"
+HANDSHAKE = (
+    f"GET {LIVE} HTTP/1.1\r\nHost: {HOST}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+    "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n"
+).encode()
+GIANT_FRAME = b"\x82\xff" + (1 << 40).to_bytes(8, "big") + b"mask"
+GARBAGE = (b"\xff" * (1 << 18), b"x" * (100 << 20), HANDSHAKE + GIANT_FRAME + b"x" * (1 << 20), HANDSHAKE[:-2])
+
+
+def listen(ports: tuple[int, int], count: int, found: Any, ready: Event) -> None:
+    """Be an honest listener of both ports; put when each line arrived after it was sent, ms."""
+    from websockets.sync.client import connect
+
+    delays: tuple[list[float], list[float]] = [], []
+    with socket.create_connection((HOST, ports[0])) as lines, connect(f"ws://{HOST}:{ports[1]}{LIVE}") as page:
+        file = lines.makefile()
+        page.recv()
+        ready.set()
+        while len(delays[0]) < count:
+            delays[0].append(1e3 * (time.monotonic() - json.loads(file.readline())["t"]))
+            while (event := json.loads(page.recv()))["kind"] != "now":
+                pass
+            delays[1].append(1e3 * (time.monotonic() - event["t"]))
+    found.put(delays)
+
+
+def crowd(ports: tuple[int, int], clients: int, done: Event, reading: float) -> None:
+    """Connect clients to both ports, of which this share reads what comes; a negative one sends garbage instead."""
+    kept = []
+    for k in range(2 * clients if reading >= 0.0 else 0):
+        with suppress(OSError):
+            kept.append(socket.create_connection((HOST, ports[k % 2]), 5.0))
+            kept[-1].sendall(HANDSHAKE if k % 2 else b"")
+            kept[-1].setblocking(False)
+    while not done.wait(0.1):
+        for one in kept[: int(len(kept) * reading)]:
+            with suppress(OSError):
+                one.recv(1 << 16)
+        for k in range(50 if reading < 0.0 else 0):
+            with suppress(OSError), socket.create_connection((HOST, ports[k % 2]), 1.0) as loud:
+                loud.settimeout(0.2)
+                loud.sendall(GARBAGE[k // 2 % len(GARBAGE)])
+
+
+CROWDS = {"nobody": 0.0, "readers": 1.0, "most deaf": 0.1, "deaf": 0.0, "garbage": -1.0}
+
+
+def measure_listeners(given: Namespace) -> list[Figure]:
+    """Serve lines and page beside each kind of crowd; how long the walk is held up, and when lines arrive."""
+    figures, count = list[Figure](), int(given.seconds / TICK_S / TICKS_A_LINE)
+    for name, reading in CROWDS.items():
+        doors = open_port(HOST, 0, "lines"), open_port(HOST, 0, "page")
+        ports = doors[0].getsockname()[1], doors[1].getsockname()[1]
+        ready, done, found = PROCESSES.Event(), PROCESSES.Event(), PROCESSES.Queue()
+        clients = 0 if name == "nobody" else given.clients
+        listener = PROCESSES.Process(target=listen, args=(ports, count, found, ready), daemon=True)
+        others = PROCESSES.Process(target=crowd, args=(ports, clients, done, reading), daemon=True)
+        with closing(ListenerProcess(*doors, HOST, print)) as served:
+            listener.start()
+            ready.wait(30.0)
+            others.start()
+            time.sleep(1.0 + COMING_S * clients)
+            held_up = send_lines(served, count)
+            delays = found.get(timeout=60.0)
+        done.set()
+        for process in (listener, others):
+            process.join(10.0)
+            process.kill()
+        late = [float(np.quantile(ms, 0.99)) for ms in delays]
+        figures += [
+            Figure(name, f"{name}: held up, most (ms)", "walk", max(held_up), high=HELD_UP_MS, pattern="{:.0f}"),
+            Figure(name, f"{name}: lines arrive, 99 % (ms)", "port", late[0], high=HELD_UP_MS, pattern="{:.0f}"),
+            Figure(name, f"{name}: lines arrive, 99 % (ms)", "page", late[1], high=HELD_UP_MS, pattern="{:.0f}"),
+        ]
+    return figures
+
+
+def send_lines(served: ListenerProcess, count: int) -> list[float]:
+    """Send lines and statuses when they are due; return how long after that the thread went on, ms."""
+    held_up, began, due_status = list[float](), time.monotonic(), 0.0
+    line = {"kind": "now", "continues": False, "position_m": [0.0] * 3, "heading_deg": 0.0, "field": "none"}
+    line |= {
+        "position_sigma_m": [0.1] * 3,
+        "east_north_cov_m2": 0.0,
+        "heading_sigma_deg": 1.0,
+        "field_reason": "x" * 200,
+    }
+    status = {"position_m": [0.0] * 3, "heading_deg": 0.0, "source": "ok"}
+    for k in range(count * TICKS_A_LINE):
+        due = began + k * TICK_S
+        time.sleep(max(0.0, due - time.monotonic()))
+        if k % TICKS_A_LINE == 0:
+            served.send_line(json.dumps({**line, "stance": k, "t": time.monotonic()}))
+        if due >= due_status:
+            due_status = due + STATUS_S
+            served.send_status({"t": due, **status})
+        held_up.append(1e3 * (time.monotonic() - due))
+    return held_up
+
+
+MEASURES: dict[str, Callable[[Namespace], Iterable[Figure]]] = {
+    "hours": measure_hours,
+    "kills": measure_kills,
+    "rubbish": measure_rubbish,
+    "udp": measure_udp,
+    "listeners": measure_listeners,
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run it and print the figures."""
+    given = harness.parse_arguments(
+        __doc__,
+        arguments,
+        what=option(None, "what it is to stand", choices=list(MEASURES), positional=True),
+        hours=option(24.0, "of walking", metavar="N"),
+        minutes=option(10.0, "of sending", metavar="N"),
+        seconds=option(20.0, "for each kind of crowd", metavar="S"),
+        lag=option(60.0, "fixed lag", metavar="SECONDS"),
+        rate=option(200.0, "of the samples", metavar="HZ"),
+        real_time=option(0.0, "more, as they are walked", metavar="MINUTES"),
+        kills=option(20, "how often it is killed", metavar="N"),
+        hogs=option(2, "processes that keep a core busy each", metavar="N"),
+        megabytes=option(100, "of the longest line", metavar="N"),
+        clients=option(1000, "on each server", metavar="N"),
+        seed=FIRST_SEED,
+        json=None,
+    )
+    figures = list(MEASURES[given.what](given))
+    harness.print_figures(figures)
+    harness.print_verdict(figures, given.json)
+
+
+if __name__ == "__main__":
+    harness.run(main)
