@@ -102,6 +102,15 @@ def test_compass_and_course_take_off_an_error_across_south(heading_deg, error_de
         assert np.abs(error_of(estimate, truth)[8]) < np.radians(0.01)
 
 
+@pytest.mark.parametrize("error_deg", [-179.0, 179.0])
+def test_a_heading_half_a_turn_off_is_turned_back_the_shorter_way(error_deg):
+    truth = random_state(np.random.default_rng(1))
+    truth.nav_R_body[:] = Rotation.from_euler("z", 0.3).as_matrix()
+    compass, P = measure_at(truth, compass_variance=np.array([1e-8])), np.diag(np.append(np.full(8, 1e-12), np.ones(7)))
+    x, *_ = update_at(with_error(truth, np.radians(error_deg) * np.eye(15)[8]), compass, P)
+    assert np.degrees(x[8]) == pytest.approx(error_deg, abs=0.01)
+
+
 @pytest.mark.parametrize(("change_deg", "used"), [(0.0, True), (3.9, True), (4.1, False), (-3.9, True), (-4.1, False)])
 def test_a_curve_says_nothing(change_deg, used):
     rng = np.random.default_rng(3)

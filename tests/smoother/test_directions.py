@@ -17,14 +17,12 @@ from fg_nav.lab.simulation.plan import Walk
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth, smooth_graph
 from fg_nav.smoother.building import (
-    LEG_COURSES,
     MIN_EVIDENCE,
     NONE_FOUND,
     STRAIGHT_WITHIN_M,
     STRIDES,
     DirectionFactors,
     list_displacements,
-    share_legs,
     split_drift,
     track_directions,
 )
@@ -57,7 +55,7 @@ def track(position: Floats, drift_deg: float = 5.0):
     pairs = list_displacements(position)
     course = measure_course(position[pairs[:, 1]] - position[pairs[:, 0]])
     at = pairs.mean(axis=1) / len(position)
-    return course, track_directions(course, share_legs(course), at, float(np.radians(drift_deg)))
+    return course, track_directions(course, np.ones(len(course)), at, float(np.radians(drift_deg)))
 
 
 def test_displacements_share_no_stride_and_lie_within_straight_stretches() -> None:
@@ -71,15 +69,6 @@ def test_displacements_share_no_stride_and_lie_within_straight_stretches() -> No
         apart = position[first : last + 1, :2] - position[first, :2]
         off = np.abs(apart[:, 0] * along[1] - apart[:, 1] * along[0]) / np.linalg.norm(along)
         assert off.max() <= STRAIGHT_WITHIN_M
-
-
-def test_a_leg_counts_as_few_courses() -> None:
-    course = np.radians([0.0, 2, -1, 3, 1, 0, 89, 91, -179, 180, 179, 178])
-    share = share_legs(course)
-    np.testing.assert_allclose(share[:6], LEG_COURSES / 6)
-    np.testing.assert_allclose(share[6:8], 1.0)
-    np.testing.assert_allclose(share[8:], LEG_COURSES / 4)
-    assert share.sum() == pytest.approx(2 * LEG_COURSES + 2.0)
 
 
 @pytest.mark.parametrize("alpha_deg", [0.0, 30.0, 44.9, 70.0])
@@ -154,7 +143,9 @@ def test_the_direction_is_a_variable_that_is_eliminated_last() -> None:
     recording = walked("rectangle")
     walk = smooth_graph(recording, detect_stances(recording), WITH)
     problem = walk.walk.problem
-    assert problem.find(DirectionFactors) is not None
+    share = problem.get(DirectionFactors).courses.residuals.share
+    # Four legs of four and two displacements, which count as three courses at most.
+    np.testing.assert_allclose(share, np.tile(np.repeat([0.75, 1.0], [4, 2]), 2))
     keys = order_variables(problem)
     assert int(keys[-1]) == A(0)
     assert (keys != A(0)).sum() == len(keys) - 1
@@ -179,7 +170,7 @@ def test_nothing_is_carried_over_a_lost_turn() -> None:
     pairs = list_displacements(position)
     course = measure_course(turned[pairs[:, 1]] - turned[pairs[:, 0]])
     at, is_lost = pairs.mean(axis=1) / len(position), np.diff(pairs[:, 0] > 80) > 0
-    found = track_directions(course, share_legs(course), at, np.radians(3.0), is_lost)
+    found = track_directions(course, np.ones(len(course)), at, np.radians(3.0), is_lost)
     off = np.where(pairs[:, 0] > 80, np.pi / 4, 0.0)
     assert np.degrees(np.abs(wrap_quarter(found.phi - off)).max()) < 2.0
     assert found.mixture.share > 0.9
