@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fg_nav.ekf.compass import run_with_compass
+from fg_nav.ekf.compass import make_aiez_measurements, run_with_compass
 from fg_nav.ekf.core import run_iez
 from fg_nav.ekf.presets import AS_PRINTED, PHYSICAL, find_parameters
 from fg_nav.errors import EstimationError
+from fg_nav.magnetic import average_footfall_field
 from fg_nav.magnetic.detectors import DETECTORS
 from tests.ekf.field_walks import STRAIGHT, off_deg, walked
 
@@ -42,6 +43,22 @@ def test_a_field_that_is_steadily_wrong_is_refused_for_good():
     assert (words[solution.stances.t > 20.0] == "disturbed").all()
     assert (words[solution.stances.t < 20.0] == "quasi-static").all()
     assert np.abs(off_deg(solution, headings)).max() < 1.0
+
+
+def test_a_field_whose_strength_changes_in_a_stance_is_refused_though_it_points_north():
+    recording, stances, _, headings = walked(STRAIGHT)
+    stronger = replace(recording, mag=recording.mag * (1.0 + 0.2 * np.maximum(recording.t - 20.0, 0.0))[:, None])
+    table = solved(stronger, stances, average_footfall_field(stronger, stances), headings).stances
+    words, after = np.array(table.field), table.t > 20.0
+    assert (words[after] == "disturbed").all()
+    assert (words[~after] == "quasi-static").all()
+
+
+def test_tilt_course_and_compass_are_measured_with_the_sigmas_of_the_parameters():
+    _, _, field, _ = walked(replace(STRAIGHT, strides=3))
+    used = make_aiez_measurements(field, np.zeros(len(field)), replace(PARAMETERS, tilt_sigma_deg=0.7))
+    for variance, sigma_deg in ((used.tilt_variance, 0.7), (used.course_variance, 2.0), (used.compass_variance, 5.0)):
+        np.testing.assert_allclose(np.degrees(np.sqrt(variance)), sigma_deg)
 
 
 def test_where_the_compass_is_refused_a_straight_course_holds_the_gyro():

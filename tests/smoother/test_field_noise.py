@@ -6,6 +6,8 @@ import pytest
 from fg_nav.arrays import Floats
 from fg_nav.smoother.field_factors import (
     ASSUMED_SHARE,
+    MIN_REGIONAL_UT,
+    MIN_SIGMA_UT,
     POTENTIAL_PER_FIELD_M,
     REGIONAL_LENGTH_M,
     REGIONAL_SHARE,
@@ -100,6 +102,14 @@ def test_a_short_walk_keeps_to_what_was_assumed() -> None:
         whole = np.array([one.potential.sigma / POTENTIAL_PER_FIELD_M for one in found])
         shares = np.array([[one.across.sigma, one.regional.sigma] for one in found]) ** 2 / whole[:, None] ** 2
         np.testing.assert_allclose(shares.mean(axis=0), [ASSUMED_SHARE, REGIONAL_SHARE], atol=0.15)
+
+
+@pytest.mark.parametrize("seen", [np.zeros(30, dtype=np.bool_), np.arange(30) == 29], ids=["none", "the last"])
+def test_where_nothing_was_seen_the_spread_is_the_sensor_s(seen: np.ndarray) -> None:
+    found = measure_roughness(np.zeros(30), seen, np.full(29, STRIDE_M))
+    assert found.potential.sigma == pytest.approx(POTENTIAL_PER_FIELD_M * MIN_SIGMA_UT)
+    assert found.across.sigma == found.regional.sigma == MIN_REGIONAL_UT
+    assert found.white_uT < 0.02
 
 
 def test_the_changes_of_a_potential_keep_their_variance_where_a_share_of_it_is_lost() -> None:

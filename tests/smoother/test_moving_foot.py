@@ -56,6 +56,15 @@ def test_a_walk_moves_with_its_foot_as_its_columns_say(axis: int) -> None:
     np.testing.assert_allclose(told, difference, atol=0.03 * np.abs(difference).max())
 
 
+def test_forward_it_is_a_scale_of_the_walk_and_sideways_a_turn() -> None:
+    problem, solved = solved_walk()
+    position = with_share(problem, solved, np.zeros(2))
+    for axis, expected in ((0, position[:, :2]), (1, np.column_stack([-position[:, 1], position[:, 0]]))):
+        moved = (with_share(problem, solved, 0.01 * np.eye(2)[axis]) - position)[:, :2] / 0.01
+        # Stops at the corners, where the foot does not move on, and turns in place take some of it.
+        assert np.linalg.norm(moved - expected, axis=1).max() < 0.25 * np.linalg.norm(position, axis=1).max()
+
+
 def carried_on(recording: Recording, share: float) -> Recording:
     """The same walk with all of its motion over ground faster by a share: so its stances move on at that share."""
     truth, h = recording.truth, recording.period_s
