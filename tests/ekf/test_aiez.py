@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fg_nav.ekf.compass import run_with_compass
+from fg_nav.ekf.compass import make_aiez_measurements, run_with_compass
 from fg_nav.ekf.core import run_iez
 from fg_nav.ekf.presets import AS_PRINTED, PHYSICAL, find_parameters
 from fg_nav.errors import EstimationError
+from fg_nav.magnetic import average_footfall_field
 from fg_nav.magnetic.detectors import DETECTORS
 from tests.ekf.field_walks import STRAIGHT, off_deg, walked
 
@@ -44,6 +45,22 @@ def test_a_field_that_is_steadily_wrong_is_refused_for_good():
     assert np.abs(off_deg(solution, headings)).max() < 1.0
 
 
+def test_a_field_whose_strength_changes_in_a_stance_is_refused_though_it_points_north():
+    recording, stances, _, headings = walked(STRAIGHT)
+    stronger = replace(recording, mag=recording.mag * (1.0 + 0.2 * np.maximum(recording.t - 20.0, 0.0))[:, None])
+    table = solved(stronger, stances, average_footfall_field(stronger, stances), headings).stances
+    words, after = np.array(table.field), table.t > 20.0
+    assert (words[after] == "disturbed").all()
+    assert (words[~after] == "quasi-static").all()
+
+
+def test_tilt_course_and_compass_are_measured_with_the_sigmas_of_the_parameters():
+    _, _, field, _ = walked(replace(STRAIGHT, strides=3))
+    used = make_aiez_measurements(field, np.zeros(len(field)), replace(PARAMETERS, tilt_sigma_deg=0.7))
+    for variance, sigma_deg in ((used.tilt_variance, 0.7), (used.course_variance, 2.0), (used.compass_variance, 5.0)):
+        np.testing.assert_allclose(np.degrees(np.sqrt(variance)), sigma_deg)
+
+
 def test_where_the_compass_is_refused_a_straight_course_holds_the_gyro():
     recording, stances, field, headings = walked(STRAIGHT, magnet, gyro_bias_deg_s=0.1, from_s=20.0)
     with_course = solved(recording, stances, field, headings)
@@ -51,17 +68,6 @@ def test_where_the_compass_is_refused_a_straight_course_holds_the_gyro():
     assert any("held to the course" in reason for reason in with_course.stances.field_reason)
     assert not any("held to the course" in reason for reason in without.stances.field_reason)
     assert abs(off_deg(with_course, headings)[-1]) < 0.8 * abs(off_deg(without, headings)[-1])
-
-
-def test_in_a_curve_without_a_compass_nothing_is_used():
-    """Turns of 11 deg a stride and a field that is nowhere right: the IEZ, bit for bit, once it is not levelled."""
-    walk = replace(STRAIGHT, strides=20, turn=0.2)
-    recording, stances, field, headings = walked(walk, lambda t: np.full(len(t), 40.0))
-    parameters = replace(PARAMETERS, tilt_sigma_deg=1e9)
-    solution = solved(recording, stances, field, headings, parameters)
-    assert set(solution.stances.field[:-1]) == {"disturbed"}
-    plain = run_iez(recording, stances, parameters.inertial, float(headings[0]))
-    np.testing.assert_allclose(solution.position, plain.position, atol=1e-9)
 
 
 def bent_back_deg(turn_deg, parameters=PARAMETERS):

@@ -6,7 +6,6 @@ freedom as components, within the bounds of the number of runs (Bar-Shalom et al
 """
 
 import numpy as np
-import pytest
 from numba import njit
 from scipy.stats import chi2
 
@@ -47,33 +46,19 @@ def navigate(truth, estimate, P, acc, gyr, stands, h, noise, density, variance):
     return nis
 
 
-def monte_carlo(claimed=DENSITY, claimed_variance=STANCE_VARIANCE, seed=11):
-    """NEES (runs, 5 parts and all) at the end, and mean NIS of each run, of a filter with these claims."""
+def monte_carlo():
+    """NEES (runs, 5 parts and all) at the end, mean NIS of each run, and the number of corrections."""
     walk = Walk(strides=8, rest_s=1.0)
     recording, stances = walk.recording(RATE)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(11)
     nees, nis = [], []
-    scale = np.sqrt(np.array(DENSITY) / np.array(claimed))
     for _ in range(RUNS):
         estimate = NavState(np.zeros(3), np.zeros(3), walk.attitude(np.zeros(1))[0].copy(), *np.zeros((2, 3)))
         truth = with_error(estimate, -PRIOR * rng.standard_normal(15))
         P = np.diag(PRIOR**2)
         noise = rng.standard_normal((len(recording), 15))
-        noise[:, :3] *= np.sqrt(STANCE_VARIANCE / claimed_variance)
-        for part, factor in zip((3, 6, 9, 12), scale, strict=True):
-            noise[:, part : part + 3] *= factor
-        scores = navigate(
-            truth,
-            estimate,
-            P,
-            recording.acc,
-            recording.gyr,
-            stances.mask,
-            1 / RATE,
-            noise,
-            claimed,
-            claimed_variance,
-        )
+        samples = recording.acc, recording.gyr, stances.mask
+        scores = navigate(truth, estimate, P, *samples, 1 / RATE, noise, DENSITY, STANCE_VARIANCE)
         nis.append(np.nanmean(scores))
         e = error_of(estimate, truth)
         parts = [slice(k, k + 3) for k in range(0, 15, 3)] + [slice(0, 15)]
@@ -93,15 +78,3 @@ def test_errors_are_as_large_as_the_filter_claims():
         assert low < part < high
     low, high = bounds(3, RUNS * corrections)
     assert low < nis.mean() < high
-
-
-@pytest.mark.parametrize("part", ["acc", "gyr"])
-def test_a_filter_that_claims_half_the_noise_is_found_out(part):
-    bold = DENSITY._replace(**{part: getattr(DENSITY, part) / 4})
-    nees, _, _ = monte_carlo(claimed=bold)
-    assert nees[:, 5].mean() > bounds(15, RUNS)[1] * 1.1
-
-
-def test_too_large_a_sigma_of_the_stance_is_detected():
-    _, nis, corrections = monte_carlo(claimed_variance=4 * STANCE_VARIANCE)
-    assert nis.mean() < bounds(3, RUNS * corrections)[0] * 0.9

@@ -106,16 +106,6 @@ def test_claims_do_not_hang_on_the_sampling_rate():
     np.testing.assert_allclose(sigmas[0], sigmas[1], rtol=0.1)
 
 
-def test_uneven_stamps_change_nothing_much():
-    recording, stances = WALK.recording()
-    rng = np.random.default_rng(3)
-    t = recording.t + np.clip(0.0008 * rng.standard_normal(len(recording)), -0.002, 0.002)
-    h = np.append(np.diff(t), 0.005)
-    acc, gyr = WALK.samples(t, h[:, None])
-    solution = run_iez(Recording(t=t, acc=acc, gyr=gyr), stances)
-    assert np.abs(solution.position - WALK.position(t) @ NORTH.T).max() < 0.03
-
-
 ROLLING = Walk(strides=20, turn=0.05, roll=-0.3, height=0.06, stance_s=0.5)
 
 
@@ -154,45 +144,6 @@ def test_samples_before_a_gap_get_extra_noise():
     added = np.sqrt(claims[0] ** 2 - claims[1] ** 2)
     assert error > 0.005
     assert 0.6 * error < added < 2.5 * error
-
-
-def test_the_stance_table_is_taken_at_the_stillest_sample():
-    recording, stances = WALK.recording()
-    recording = shaken(recording)
-    table = run_iez(recording, stances).stances
-    rate = np.linalg.norm(recording.gyr, axis=1)
-    for row, a, b in zip(table.sample, stances.start, stances.stop, strict=True):
-        assert a <= row < b
-        assert rate[row] == rate[a:b].min()
-    statistic = np.full(len(recording), 2.0)
-    statistic[stances.start + 3] = 0.5
-    judged = replace(stances, statistic=statistic)
-    assert np.array_equal(run_iez(recording, judged).stances.sample, stances.start + 3)
-
-
-def test_there_is_one_row_a_footfall():
-    recording, stances = WALK.recording()
-    paired = replace(stances, footfall=stances.footfall // 2)
-    table = run_iez(recording, paired).stances
-    assert len(table) == paired.n_footfalls < len(stances)
-    assert np.array_equal(table.sample, paired.stillest(recording.gyr))
-
-
-def test_sigmas_begin_at_the_gauge_and_grow():
-    recording, stances = WALK.recording()
-    table = run_iez(recording, stances).stances
-    assert np.all(table.position_sigma[0] < 0.005)
-    assert np.all(np.diff(table.heading_sigma) > 0)
-    assert np.all(np.diff(np.linalg.norm(table.position_sigma, axis=1)) > 0)
-    assert np.all(np.linalg.eigvalsh(table.position_cov) > 0)
-    assert set(table.field) == {"none"}
-
-
-def test_the_same_walk_gives_the_same_numbers():
-    recording, stances = WALK.recording()
-    a, b = (run_iez(shaken(recording), stances) for _ in range(2))
-    assert np.array_equal(a.position, b.position)
-    assert np.array_equal(a.stances.position_cov, b.stances.position_cov)
 
 
 def test_what_cannot_be_navigated_is_said():

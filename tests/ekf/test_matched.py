@@ -5,12 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fg_nav.detection.rest import estimate_lever
-from fg_nav.ekf import IezParameters, run_iez
 from fg_nav.ekf.core import ACC_BIAS_SIGMA, ACC_BIAS_WALK, make_noise_models
 from fg_nav.ekf.measurements import update_in_stance
-from fg_nav.ekf.presets import FACTOR_SPACING_S, FORCE_SHARE, MATCHED, run_filter
-from fg_nav.errors import EstimationError
+from fg_nav.ekf.presets import FACTOR_SPACING_S, FORCE_SHARE, MATCHED
 from fg_nav.mechanisation import NavState
 from fg_nav.smoother import strides
 from fg_nav.smoother.parameters import SmootherParameters
@@ -54,15 +51,6 @@ def test_a_stance_carries_the_information_of_the_factors_of_the_graph():
     assert FACTOR_SPACING_S == 0.08
 
 
-def test_a_body_lever_that_points_up_is_the_height_on_a_level_foot():
-    recording, stances = Walk(roll=0.3, height=0.08, pitch=0.0).recording()
-    up = replace(IezParameters(), roll_height_m=0.08)
-    body = replace(IezParameters(), roll_height_m=0.3, rolling_lever_m=(0.0, 0.0, 0.08))
-    a, b = (run_iez(recording, stances, p) for p in (up, body))
-    assert np.abs(a.position - b.position).max() < 0.02
-    assert not np.array_equal(a.position, b.position)
-
-
 def test_the_lever_gives_the_velocity_that_the_foot_has():
     """v = R (w x l) of a foot that is turned every way: no innovation is left, and with the sign turned much is."""
     rng = np.random.default_rng(3)
@@ -92,10 +80,3 @@ def test_a_foot_that_is_pushed_has_a_larger_sigma():
 
     assert nis(9.80665 + 1.0) == pytest.approx(nis(9.80665) * noise.floor / (noise.floor + noise.unsteady), rel=0.02)
     assert nis(9.80665 - 1.0) == pytest.approx(nis(9.80665 + 1.0))
-
-
-def test_it_needs_a_field_and_takes_the_lever_of_the_recording():
-    recording, stances = Walk(strides=12, roll=0.4, height=0.09).recording()
-    with pytest.raises(EstimationError, match="matched needs a magnetometer"):
-        run_filter("matched", "physical", recording, stances, None, None)
-    assert estimate_lever(recording, stances).lever[2] == pytest.approx(0.09, abs=0.02)

@@ -11,11 +11,10 @@ from fg_nav.ekf import core
 from fg_nav.ekf.core import IezParameters, filter_walk, make_initial_state
 from fg_nav.ekf.covariance import SIZE, VELOCITY, compute_densities, propagate_columns
 from fg_nav.ekf.measurements import make_pseudo_measurements
-from fg_nav.ekf.presets import RTS, find_parameters
 from fg_nav.ekf.rts import propagate_adjoint, propagate_information, undo_step
 from fg_nav.ekf.update import INNOVATION, ROW, VARIANCE
-from fg_nav.estimators import METHODS, estimate
-from fg_nav.frames import compute_heading, wrap_angle
+from fg_nav.estimators import estimate
+from fg_nav.frames import compute_heading
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.walk import Options
 from fg_nav.walk import Walk as PreparedWalk
@@ -185,25 +184,6 @@ def test_the_walk_ends_where_the_filter_ends_and_nowhere_is_it_less_sure():
     assert all(np.linalg.eigvalsh(P / np.sqrt(np.outer(np.diag(P), np.diag(P)))).min() > 0 for P in smoothed.covariance)
 
 
-def test_the_path_has_no_steps_where_the_filter_has_them():
-    """The filter jumps when a compass corrects it; what is left of the smoothed path is h v from sample to sample."""
-    rng = np.random.default_rng(7)
-    recording, stances = noisy(WALK, 100.0, rng)
-    pseudo = measure_footfalls(recording, stances.stillest(recording.gyr), WALK, rng)
-    filtered, smoothed, rows, _ = both(recording, stances, pseudo, wrong_heading=np.radians(8.0))
-
-    def steps(track):
-        h = np.diff(recording.t)[:, None]
-        return np.linalg.norm(np.diff(track.position, axis=0) - h * track.velocity[:-1], axis=1)
-
-    in_stance = stances.mask[:-1] & stances.mask[1:]
-    assert steps(filtered)[in_stance].max() > 10 * steps(smoothed)[in_stance].max()
-    assert steps(smoothed)[in_stance].max() < 1e-4
-    turned = np.swapaxes(smoothed.nav_R_body[:-1], 1, 2) @ smoothed.nav_R_body[1:]
-    rate = Rotation.from_matrix(turned).as_rotvec() / np.diff(recording.t)[:, None]
-    assert np.abs(rate[rows[:-1]] - recording.gyr[rows[:-1]]).max() < np.radians(2.0)
-
-
 def test_what_comes_before_the_first_stance_hangs_on_the_smoothed_start():
     rng = np.random.default_rng(8)
     recording, stances = noisy(WALK, 100.0, rng)
@@ -216,34 +196,6 @@ def test_what_comes_before_the_first_stance_hangs_on_the_smoothed_start():
     moved = np.diff(smoothed.position[about], axis=0) / 0.01
     assert np.abs(moved - smoothed.velocity[about][:-1]).max() < 0.1
     assert np.isfinite(smoothed.position).all()
-
-
-def test_a_heading_known_late_turns_the_beginning():
-    rng, walk = np.random.default_rng(9), replace(WALK, strides=10)
-    recording, stances = noisy(walk, 100.0, rng)
-    pseudo = measure_footfalls(recording, stances.stillest(recording.gyr), walk, rng)
-    late = np.where(np.arange(11) >= 6, np.radians(3.0) ** 2, np.nan)
-    pseudo = pseudo._replace(compass_variance=late, course_variance=np.full(11, np.nan))
-    filtered, smoothed, rows, _ = both(recording, stances, pseudo, wrong_heading=np.radians(8.0), walk=walk)
-    truth = compute_heading(walk.attitude(recording.t[rows]))
-    before, after = (
-        np.degrees(np.abs(wrap_angle(compute_heading(t.nav_R_body[rows]) - truth))) for t in (filtered, smoothed)
-    )
-    assert before[:6].min() > 6.0
-    assert (after < 3 * np.degrees(np.sqrt(smoothed.covariance[:, 8, 8]))).all()
-    assert after[:6].max() < 0.6 * before[:6].min()
-    there = [np.arctan2(*p[:2]) for p in (t.position[rows[5]] for t in (filtered, smoothed))]
-    considered = np.abs(there - np.arctan2(*walk.position(recording.t[rows[5]])[:2]))
-    assert considered[1] < 0.6 * considered[0]
-
-
-@pytest.mark.parametrize("name", [name for name in METHODS["foot"] if name + RTS in METHODS["foot"]])
-def test_any_filter_goes_back_by_its_name_and_is_otherwise_the_same(name):
-    plain, back = find_parameters(name), find_parameters(name + RTS)
-    core = back if isinstance(back, IezParameters) else back.inertial
-    assert core.smoothed
-    again = replace(core, smoothed=False)
-    assert plain == (again if isinstance(back, IezParameters) else replace(back, inertial=again))
 
 
 def test_the_solution_of_a_smoother_bears_its_name_and_says_so_in_its_parameters():

@@ -3,15 +3,9 @@
 import gtsam
 import numpy as np
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 vectors = st.lists(st.floats(-2, 2), min_size=3, max_size=3).map(np.array)
 fields = st.lists(st.floats(-60, 60), min_size=3, max_size=3).map(np.array)
-
-
-def attitude(rotvec):
-    """Rotation matrices of rotation vectors."""
-    return Rotation.from_rotvec(rotvec).as_matrix()
 
 
 def pose(nav_R_body, position=(0.0, 0.0, 0.0)):

@@ -92,23 +92,6 @@ def test_with_the_weight_held_the_slope_is_that_of_the_loss(off_deg):
     assert slope == pytest.approx((there - back) / (2 * h), rel=1e-5, abs=1e-6)
 
 
-def test_a_turn_of_the_walk_with_the_building_moves_nothing():
-    values = values_at(np.array([1.0, 2.0, 0.5]), along(0.45), 0.4, 5)
-    H = jacobians(factor_of(ALWAYS, KEYS), values)
-    up, moved = np.array([0.0, 0.0, 1.0]), H[KEYS[2]][:, 0].copy()
-    for key in KEYS[:2]:
-        pose = values.atPose3(key)
-        R, p = pose.rotation().matrix(), pose.translation()
-        moved += H[key] @ np.concatenate([R.T @ up, R.T @ np.cross(up, p)])
-    np.testing.assert_allclose(moved, 0.0, atol=1e-9)
-
-
-def test_halfway_between_two_directions_there_is_no_information():
-    factor = factor_of(BuildingDirection(np.radians(4.0), 1.0, np.array(1.0)), KEYS)
-    information = factor.linearize(values_at(np.zeros(3), along(0.5 * QUARTER - 0.01), 0.0)).information()
-    assert np.abs(information).max() < 1e-20 * np.radians(4.0) ** -2 + 1e-10
-
-
 @given(x=st.floats(-12, 12), c=odds)
 @settings(max_examples=100, deadline=None)
 def test_the_weight_is_the_derivative_of_the_loss_over_the_residual(x, c):
@@ -126,16 +109,3 @@ def test_the_weight_is_the_posterior_and_the_loss_the_likelihood(off, sigma_deg,
     at_zero = share * norm.pdf(0.0, scale=sigma) + elsewhere
     assert direction_probability(x, c) == pytest.approx(followed / (followed + elsewhere), abs=1e-12)
     assert direction_loss(x, c) == pytest.approx(np.log(at_zero / (followed + elsewhere)), abs=1e-9)
-
-
-@given(x=st.floats(-12, 12), to=st.floats(-12, 12), c=odds)
-@settings(max_examples=100, deadline=None)
-def test_reweighting_never_raises_the_loss(x, to, c):
-    """The reweighted square through the loss at x lies above it everywhere: each round descends."""
-    square = direction_loss(x, c) + 0.5 * direction_probability(x, c) * (to**2 - x**2)
-    assert square >= direction_loss(to, c) - 1e-12
-
-
-def test_far_out_the_loss_is_flat_and_finite():
-    np.testing.assert_allclose(direction_loss(np.array([50.0, 1e4]), 0.1), np.log1p(10.0))
-    np.testing.assert_array_equal(direction_probability(np.array([50.0, 1e4]), 0.1), 0.0)

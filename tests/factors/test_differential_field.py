@@ -88,13 +88,6 @@ def test_sigma_and_chi_square_are_true(most: int) -> None:
     assert np.mean(ratio) == pytest.approx(1.0, abs=0.02)
 
 
-def test_a_few_stances_show_the_bias_about_all_axes_to_a_tenth_of_a_degree() -> None:
-    _, covariance = total(measure_bias(measured(0), NOISE, 64))
-    sigma_deg_s = np.degrees(np.sqrt(np.linalg.eigvalsh(covariance)))
-    assert (sigma_deg_s < 0.25).all()
-    assert sigma_deg_s[0] > 0.01
-
-
 def test_averages_lose_little() -> None:
     all_samples, averaged = (measure_bias(measured(0), NOISE, most).information.matrix.sum(axis=0) for most in (64, 10))
     assert np.trace(averaged) > 0.95 * np.trace(all_samples)
@@ -122,17 +115,6 @@ def test_turned_body_axes_turn_the_bias() -> None:
     both = np.kron(np.eye(2), turn)
     np.testing.assert_allclose(other.information.matrix, both @ one.information.matrix @ both.T, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(other.information.vector, one.information.vector @ both.T, rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(other.chi_square, one.chi_square, rtol=1e-6)
-
-
-def test_a_stronger_field_with_as_much_more_noise_shows_the_same() -> None:
-    here = measured(4)
-    there = replace(here, body_field=3.0 * here.body_field)
-    noise = replace(NOISE, iron=Iron.unknown(1.0))
-    more = FieldNoise(replace(NOISE.variogram, sigma_uT=3e-6), 0.9, Iron.unknown(3.0))
-    one, other = measure_bias(here, noise, 64), measure_bias(there, more, 64)
-    unit = np.repeat([1.0, 3.0], 3)
-    np.testing.assert_allclose(other.information.matrix * np.outer(unit, unit), one.information.matrix, rtol=1e-6)
     np.testing.assert_allclose(other.chi_square, one.chi_square, rtol=1e-6)
 
 
@@ -172,18 +154,21 @@ def test_a_field_that_drifts_is_not_taken_for_a_bias() -> None:
 
 @pytest.mark.parametrize("iron_uT", [5.0, 20.0])
 def test_iron_on_the_body_is_not_taken_for_a_bias(iron_uT: float) -> None:
-    squares, ignored, of_iron = [], [], []
+    squares, ignored, of_iron, ratio = [], [], [], []
     for seed in range(40):
         iron = np.random.default_rng(seed).normal(0.0, iron_uT, 3)
         seen = measured(seed, iron=iron, amplitude_rad_s=0.4)
         found = find_walk_iron(seen)
         off = found.mean_uT - iron
         of_iron.append(off @ np.linalg.solve(found.covariance, off))
-        squares.append(whitened(measure_bias(seen, replace(NOISE, iron=found), 64), found))
+        known = measure_bias(seen, replace(NOISE, iron=found), 64)
+        squares.append(whitened(known, found))
+        ratio.append(known.chi_square.sum() / known.freedom.sum())
         ignored.append(whitened(measure_bias(seen, NOISE, 64)))
     band = 3.0 * np.sqrt(6.0 / 40)
     assert 3.0 - band < np.mean(of_iron) < 3.0 + band
     assert np.mean(squares) < 3.0 + band
+    assert np.mean(ratio) == pytest.approx(1.0, abs=0.02)
     assert np.mean(ignored) > 10.0
 
 
@@ -223,13 +208,6 @@ def test_the_residual_has_the_information() -> None:
     root, target = residual.root, residual.target
     np.testing.assert_allclose(np.swapaxes(root, 1, 2) @ root, one.matrix, rtol=1e-9)
     np.testing.assert_allclose((np.swapaxes(root, 1, 2) @ target[..., None])[..., 0], one.vector, rtol=1e-9)
-
-
-def test_where_nothing_is_known_there_is_a_row_of_zeros() -> None:
-    residual = BiasInformation(np.diag([4.0, 0.0, 1.0])[None], np.array([[2.0, 0.0, 3.0]])).residual()
-    assert (np.abs(residual.root).sum(axis=2) == 0.0).sum() == 1
-    assert np.isfinite(residual.target).all()
-    assert not BiasInformation(np.zeros((1, 3, 3)), np.zeros((1, 3))).residual().root.any()
 
 
 def test_its_jacobian_is_the_derivative() -> None:

@@ -2,25 +2,17 @@
 
 from itertools import pairwise
 
-import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import M, X
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.integrate import quad_vec
 
-from fg_nav.factors import factor_of
 from fg_nav.factors.magnetic_field import EAST, IRON, NORTH, PHI, SIZE, FieldPotential, integrate_field
 from fg_nav.factors.rotation import rotation_exp
-from fg_nav.frames import yaw_rotation
 from fg_nav.lab.simulation.fields import Circuit, Cylinders, Sum, draw_floor, magnet, make_earth_field
-from tests.factors.attitudes import information, pose
 
 MU_0 = 0.4 * np.pi  # uT m / A.
 
 EARTH = make_earth_field(48.0, 64.0, 12.0)
-H = float(np.hypot(*EARTH.vector[:2]))
 HARD_IRON = np.array([3.0, -2.0, 9.0])
 STRIDE_M, STRIDE_S, SWING_S = 1.4, 1.1, 0.45
 MAGNET = magnet(np.array([3.0, 0.7, 0.1]), np.array([20.0, -30.0, 40.0]))
@@ -124,19 +116,6 @@ def test_between_its_ends_lie_the_earth_and_a_difference_of_potentials():
     assert np.abs(other_sign).max() > 2.0
 
 
-@given(yaw=st.floats(-3.0, 3.0))
-@settings(max_examples=10, deadline=None)
-def test_the_heading_of_the_trajectory_is_of_no_consequence(yaw):
-    t, R, p, y = recorded(FIELDS["floor"], [0.0, 0.5, 1.0])
-    turn = yaw_rotation(yaw)
-    for vertical in (0.0, -43.0):
-        straight, turned = (
-            integrate_field(t, A @ R, p @ A.T, y, footfalls(3), vertical_uT=vertical) for A in (np.eye(3), turn)
-        )
-        np.testing.assert_allclose(turned.u, straight.u, atol=1e-9)
-        np.testing.assert_allclose(turned.s, straight.s, atol=1e-12)
-
-
 def test_a_heading_that_drifts_is_of_no_consequence_and_a_tilt_is():
     """The trajectory's steps turn as its attitude does; a tilt of 1 deg lays the vertical field along the path."""
     t, R, p, y = recorded(EARTH, [0.0, 0.5, 1.0], iron=np.zeros(3))
@@ -164,17 +143,6 @@ def test_a_loop_sums_to_nothing_unless_a_current_passes_through_it():
     assert (u - s @ HARD_IRON).sum() == pytest.approx(0.0, abs=0.1)
 
 
-def test_only_what_was_measured_counts():
-    t, R, p, y = recorded(FIELDS["floor"], np.zeros(4), 200.0)
-    every_second = y.copy()
-    every_second[1::2] = np.nan
-    held = np.repeat(y[::2], 2, axis=0)[: len(y)]
-    all_of_them, half, stale = (integrals((t, R, p, f), 4)[0] for f in (y, every_second, held))
-    fewer = integrals((t[::2], R[::2], p[::2], y[::2]), 4)[0]
-    np.testing.assert_allclose(half, fewer, atol=2e-3)  # footfalls are between samples, and the foot is nearly still
-    assert np.abs(half - all_of_them).max() < 0.05 < 3.0 * np.abs(stale - all_of_them).max()
-
-
 @pytest.mark.parametrize("rows", [slice(0, 250), slice(250, None)], ids=["late", "early"])
 def test_before_the_first_and_after_the_last_the_field_stays_as_it_is(rows):
     t, R, p, y = recorded(EARTH, [0.0, 0.3, 0.3, -0.4], iron=np.zeros(3))
@@ -190,106 +158,3 @@ def test_no_field_at_all_is_refused():
     t, R, p, y = recorded(EARTH, [0.0])
     with pytest.raises(ValueError, match="no field"):
         integrate_field(t, R, p, np.full_like(y, np.nan), footfalls(1))
-
-
-def test_a_wrong_length_costs_the_deviation_only():
-    """Path and field are summed over the same displacements: 2 % too long, and E falls out."""
-    t, R, p, y = recorded(FIELDS["floor"], np.zeros(6), 200.0, iron=np.zeros(3))
-    ends = walking(footfalls(6), np.zeros(6))[1]
-    level = np.broadcast_to(np.eye(3), (6, 3, 3))
-    e = []
-    for scale in (1.0, 1.02):
-        u, s = integrals((t, R, scale * p, y), 6)
-        d = scale * np.diff(ends, axis=0)
-        e.append(residual_of(level, d, EARTH.vector[:2], np.zeros(3), np.zeros((6, 2)), u, s))
-    np.testing.assert_allclose(e[1], 1.02 * e[0], atol=1e-9)  # phi_k+1 - phi_k, 2 % larger
-    against_another_length = 0.02 * STRIDE_M * H
-    assert np.sqrt(np.mean((e[1] - e[0]) ** 2)) < 0.3 * against_another_length
-
-
-def test_soft_iron_is_another_earth_and_iron_along_the_path():
-    courses = np.repeat([0.0, 0.5, np.pi / 2, 2.0, np.pi, -2.0, -np.pi / 2], 6)
-    t, R, p, y = recorded(EARTH, courses, iron=np.zeros(3))
-    bent = y @ (np.eye(3) + np.random.default_rng(5).normal(0.0, 0.05, (3, 3)))
-    ends = walking(footfalls(len(courses)), courses)[1]
-    off, left = [], []
-    for field in (y, bent):
-        found = integrate_field(t, R, p, field, footfalls(len(courses)))
-        off.append(found.u)
-        columns = np.column_stack([ends[:, :2], found.s, np.ones(len(ends))])
-        left.append(np.std(found.u - columns @ np.linalg.lstsq(columns, found.u, rcond=None)[0]))
-    assert left[1] < 1.0 < 0.05 * np.abs(off[1] - off[0]).max()
-
-
-PHI_SIGMA, TO_NORTH = 3.0, state_of(earth=(0.0, 20.0))
-
-
-def leg(course, strides, known):
-    """Graph of a leg under one attitude, and its variables: phi has its sigma at the footfalls in `known`."""
-    graph, step = gtsam.NonlinearFactorGraph(), STRIDE_M * np.array([np.cos(course), np.sin(course), 0.0])
-    exact = FieldPotential(np.array(20.0 * step[1]), np.zeros(3), np.zeros(3), step, np.eye(3), np.array(1e-3))
-    for k in range(strides):
-        graph.add(factor_of(exact, [X(0), M(k), M(k + 1)]))
-    for k in range(strides + 1):
-        sigmas = np.array([PHI_SIGMA if k in known else 1e3, *[1e-4] * (SIZE - 1)])
-        graph.add(gtsam.PriorFactorVector(M(k), TO_NORTH, gtsam.noiseModel.Diagonal.Sigmas(sigmas)))
-    loose = gtsam.noiseModel.Diagonal.Sigmas(np.array([1e-4, 1e-4, 10.0, 1.0, 1.0, 1.0]))
-    graph.add(gtsam.PriorFactorPose3(X(0), gtsam.Pose3(), loose))
-    return graph, {X(0): gtsam.Pose3(), **{M(k): TO_NORTH for k in range(strides + 1)}}
-
-
-def heading_sigma_of(course, strides, known):
-    graph, variables = leg(course, strides, known)
-    covariance = np.linalg.inv(information(graph, variables, list(variables)))
-    return float(np.sqrt(covariance[2, 2]))
-
-
-@pytest.mark.parametrize("strides", [10, 40])
-def test_a_leg_across_the_field_shows_heading(strides):
-    length = STRIDE_M * strides
-    by_ends = heading_sigma_of(0.0, strides, (0, strides))
-    assert by_ends == pytest.approx(np.sqrt(2.0) * PHI_SIGMA / (20.0 * length), rel=0.01)
-    by_all = heading_sigma_of(0.0, strides, range(strides + 1))
-    assert by_all == pytest.approx(np.sqrt(12.0 / strides) * PHI_SIGMA / (20.0 * length), rel=0.2)
-
-
-def test_a_leg_along_the_field_does_not():
-    assert heading_sigma_of(np.pi / 2, 40, (0, 40)) == pytest.approx(10.0, rel=0.01)  # its prior
-
-
-def test_an_optimizer_finds_the_heading():
-    """From 20 deg off, on a real foot's path over a rough floor, by a magnetometer with iron that is found too."""
-    courses = np.concatenate((np.zeros(20), np.full(10, np.pi / 2), np.full(15, np.pi)))
-    K = len(courses)
-    t, R, p, y = recorded(FIELDS["floor"], courses, iron=np.array([0.0, 0.0, 8.0]))
-    found = integrate_field(t, R, p, y, footfalls(K), vertical_uT=float(EARTH.vector[2]))
-    ends = walking(footfalls(K), courses)[1]
-    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    off = yaw_rotation(np.radians(20.0))
-    earth = state_of(earth=EARTH.vector[:2])
-    for k in range(K):
-        d, u, s = ends[k + 1] - ends[k], np.diff(found.u)[k], np.diff(found.s, axis=0)[k]
-        stride = FieldPotential(np.array(u), s, np.zeros(3), d, np.eye(3), np.array(0.1))
-        graph.add(factor_of(stride, [X(0), M(k), M(k + 1)]))
-        tie = gtsam.noiseModel.Diagonal.Sigmas(np.array([1e3, *[1e-4] * (SIZE - 1)]))
-        graph.add(gtsam.BetweenFactorVector(M(k), M(k + 1), np.zeros(SIZE), tie))
-    for k in range(K + 1):
-        sigmas = np.array([6.0, *([1.0, 1e-3, 1e-3, 1e-3, 1e-3, 0.1, 0.1, 15.0] if k == 0 else [1e3] * (SIZE - 1))])
-        graph.add(gtsam.PriorFactorVector(M(k), earth, gtsam.noiseModel.Diagonal.Sigmas(sigmas)))
-        values.insert(M(k), earth)
-    values.insert(X(0), pose(off))
-    graph.add(
-        gtsam.PriorFactorPose3(X(0), pose(off), gtsam.noiseModel.Diagonal.Sigmas(np.array([1e-4, 1e-4, 1, 1, 1, 1])))
-    )
-    result = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
-    assert np.degrees(result.atPose3(X(0)).rotation().yaw()) == pytest.approx(0.0, abs=1.5)
-    assert result.atVector(M(0))[IRON][2] == pytest.approx(8.0, abs=2.0)
-
-
-def test_climbing_through_the_vertical_field_adds_nothing() -> None:
-    t, up = np.linspace(0.0, 1.0, 11), 44.0
-    position = np.outer(t, [1.0, 0.5, 2.0])
-    R, field = np.tile(np.eye(3), (11, 1, 1)), np.tile([3.0, 20.0, up], (11, 1))
-    ends = np.array([0.0, 1.0])
-    left = np.diff(integrate_field(t, R, position, field, ends, vertical_uT=up).u)[0]
-    assert left == pytest.approx(3.0 * 1.0 + 20.0 * 0.5)

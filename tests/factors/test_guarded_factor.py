@@ -38,29 +38,12 @@ def test_a_good_residual_is_the_factor_that_gtsam_has_itself():
     )
 
 
-def test_jacobians_are_asked_for_only_where_they_are_needed():
-    asked = []
-
-    def residual(values, with_jacobians):
-        asked.append(with_jacobians)
-        return difference(values, with_jacobians)
-
-    graph = graph_of(residual)
-    graph.error(values())
-    graph.linearize(values())
-    assert asked == [False, True]
-
-
 BAD_RESIDUALS = {
     "too short": np.zeros(2),
-    "too long": np.zeros(4),
     "column": np.zeros((3, 1)),
-    "scalar": np.array(0.0),
     "float32": np.zeros(3, dtype=np.float32),
-    "integers": np.zeros(3, dtype=np.int64),
     "NaN": np.array([0.0, np.nan, 0.0]),
     "infinite": np.array([np.inf, -np.inf, 0.0]),
-    "list": [0.0, 0.0, 0.0],
     "nothing": None,
 }
 
@@ -75,16 +58,11 @@ def test_a_bad_residual(returned, call):
 
 BAD_JACOBIANS = {
     "none": [],
-    "nothing": None,
     "one of two": [EYE],
-    "three of two": [EYE, EYE, EYE],
     "a column short": [EYE, np.zeros((3, 2))],
-    "a row short": [EYE, np.zeros((2, 3))],
-    "flat": [EYE, np.zeros(9)],
     "float32": [EYE, EYE.astype(np.float32)],
     "NaN": [EYE, np.full((3, 3), np.nan)],
     "infinite": [np.diag([np.inf, -np.inf, 0.0]), EYE],
-    "list": [EYE, EYE.tolist()],
     "a gap": [None, EYE],
 }
 
@@ -95,12 +73,6 @@ def test_a_bad_jacobian(returned):
     assert graph.error(values()) == pytest.approx(6.0)  # nobody asked for them yet
     with pytest.raises(ValueError, match=r"^wobble: (the Jacobian [01] is|there must be a Jacobian for each of the 2)"):
         graph.linearize(values())
-
-
-def test_a_bad_jacobian_inside_an_optimiser():
-    graph = graph_of(lambda values, with_jacobians: (values.atVector(V(0)), [EYE]))
-    with pytest.raises(ValueError, match=r"^wobble"):
-        gtsam.LevenbergMarquardtOptimizer(graph, values()).optimize()
 
 
 def test_an_exception_of_the_residual_itself_comes_through():

@@ -9,9 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from fg_nav.factors.walk_constraints import position_fix_noise
-from tests.factors.derivatives import assert_jacobians_are_derivatives, residual
 
-UNIT = gtsam.noiseModel.Unit.Create(3)
 vectors = st.lists(st.floats(-2, 2), min_size=3, max_size=3).map(np.array)
 
 
@@ -19,20 +17,6 @@ def values_of(rotvec, position):
     values = gtsam.Values()
     values.insert(X(0), gtsam.Pose3(gtsam.Rot3(Rotation.from_rotvec(rotvec).as_matrix()), position))
     return values
-
-
-@given(rotvec=vectors, position=vectors, off=vectors)
-@settings(max_examples=20, deadline=None)
-def test_the_residual_is_from_the_fix_to_the_sensor(rotvec, position, off):
-    factor = gtsam.GPSFactor(X(0), position - off, UNIT)
-    np.testing.assert_allclose(residual(factor, values_of(rotvec, position)), off, atol=1e-12)
-
-
-@given(rotvec=vectors, position=vectors)
-@settings(max_examples=20, deadline=None)
-def test_jacobians_are_the_derivatives_on_the_manifold(rotvec, position):
-    factor = gtsam.GPSFactor(X(0), np.array([1.0, 2.0, 3.0]), UNIT)
-    assert_jacobians_are_derivatives(factor, values_of(rotvec, position))
 
 
 @given(rotvec=vectors, position=vectors, height=st.floats(-100, 100))
@@ -44,12 +28,6 @@ def test_a_planar_fix_says_nothing_of_the_height(rotvec, position, height):
     information = factor.linearize(values_of(rotvec, position)).information()[3:, 3:]
     nav_R_body = Rotation.from_rotvec(rotvec).as_matrix()
     np.testing.assert_allclose(nav_R_body @ information @ nav_R_body.T, np.diag([4.0, 4.0, 0.0]), atol=1e-9)
-
-
-def test_attitude_gets_no_information():
-    values = values_of(np.array([0.1, 0.2, 0.3]), np.zeros(3))
-    plain = gtsam.GPSFactor(X(0), np.zeros(3), UNIT)
-    np.testing.assert_array_equal(plain.linearize(values).information()[:3, :3], 0.0)
 
 
 @pytest.mark.parametrize("sigmas", [(0.0, 1.0), (-1.0, 1.0), (1.0, float("nan"))])

@@ -23,6 +23,7 @@ from fg_nav.factors import (
 )
 from fg_nav.factors.magnetic_field import SIZE
 from fg_nav.factors.residual import one_of
+from fg_nav.factors.same_place import BesideEachOther, SamePlace, WithinReach
 from tests.factors.derivatives import assert_jacobians_are_derivatives, jacobians, moved
 from tests.linear import linear_factors
 
@@ -46,19 +47,22 @@ def random_blocks(seed):
         values.insert(M(k), FIELD + rng.standard_normal(SIZE))
     three, sigma = (lambda: rng.standard_normal((COUNT, 3))), rng.uniform(0.5, 2.0, (COUNT, SIZE))
     level, tilted = (Rotation.random(COUNT, rng=rng).as_matrix() for _ in range(2))
-    residuals = {
-        "xvs": StanceVelocity(three(), three(), sigma[:, :3], sigma[:, 3]),
-        "xm": MagneticHeading(20.0 * three(), level, tilted, sigma[:, 0]),
-        "xmm": FieldPotential(sigma[:, 1], three(), three(), three(), tilted, sigma[:, 0]),
-        "mm": FieldTransition(np.exp(-sigma), sigma),
-        "xz": FloorHeight(0.02),
-        "xp": BarometricHeight(three()[:, :1], sigma[:, :1]),
-        "pp": BarometerDrift(sigma[:, :1], sigma[:, :2]),
-        "xxa": BuildingDirection(0.5, 0.05, sigma[:, 0]),
-    }
+    residuals = [
+        ("xvs", StanceVelocity(three(), three(), sigma[:, :3], sigma[:, 3])),
+        ("xm", MagneticHeading(20.0 * three(), level, tilted, sigma[:, 0])),
+        ("xmm", FieldPotential(sigma[:, 1], three(), three(), three(), tilted, sigma[:, 0])),
+        ("mm", FieldTransition(np.exp(-sigma), sigma)),
+        ("xz", FloorHeight(0.02)),
+        ("xp", BarometricHeight(three()[:, :1], sigma[:, :1])),
+        ("pp", BarometerDrift(sigma[:, :1], sigma[:, :2])),
+        ("xxa", BuildingDirection(0.5, 0.05, sigma[:, 0])),
+        ("xx", SamePlace(three(), three(), rng.standard_normal((COUNT, 3, 3)))),
+        ("xxs", BesideEachOther(three(), three(), three(), rng.standard_normal((COUNT, 3, 3)))),
+        ("xx", WithinReach(np.full(COUNT, 1.5), sigma[:, 0])),
+    ]
     letter = {"a": A, "x": X, "v": V, "s": S, "m": M, "p": P, "z": Z}
     blocks = {}
-    for names, one in residuals.items():
+    for names, one in residuals:
         shift = [names[:i].count(name) for i, name in enumerate(names)]
         keys = [[letter[name](k + by) for name, by in zip(names, shift, strict=True)] for k in range(COUNT)]
         blocks[one.name] = ResidualBlock(one, keys)
@@ -149,13 +153,6 @@ def test_a_linear_factor_is_the_residual_wherever_it_is():
         assert linear.error(values) == pytest.approx(factor.error(values), rel=1e-9)
         for a, b in zip(linear.linearize(values).jacobian(), factor.linearize(values).jacobian(), strict=True):
             np.testing.assert_allclose(a, b, atol=1e-9)
-
-
-def test_a_block_of_none_has_no_error():
-    blocks, values = random_blocks(9)
-    empty = ResidualBlock(blocks["floor height"].residuals, [])
-    assert empty.error(values) == 0.0
-    assert empty.stack(values) == []
 
 
 @pytest.mark.parametrize("own", [False, True], ids=["walk", "poses of another letter"])

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.factors.residual import factor_of
 from fg_nav.factors.same_place import SamePlace, weigh_place
-from tests.factors.derivatives import assert_jacobians_are_derivatives, residual
+from tests.factors.derivatives import residual
 
 vectors = st.lists(st.floats(-2, 2), min_size=3, max_size=3).map(np.array)
 headings = st.floats(-3, 3)
@@ -30,13 +30,6 @@ def values_of(later, earlier):
 def factor(later, earlier, heading):
     (weight,) = weigh_place(np.array([heading]), 0.3, 0.6, 0.2)
     return factor_of(SamePlace(later, earlier, weight), [X(1), X(0)])
-
-
-@given(rotvec=vectors, other=vectors, position=vectors, later=vectors, earlier=vectors, heading=headings)
-@settings(max_examples=20, deadline=None)
-def test_jacobians_are_the_derivatives_on_the_manifold(rotvec, other, position, later, earlier, heading):
-    values = values_of(pose(rotvec, position), pose(other, -position))
-    assert_jacobians_are_derivatives(factor(later, earlier, heading), values, 1e-6)
 
 
 @given(rotvec=vectors, other=vectors, position=vectors, later=vectors, earlier=vectors, turn=headings)

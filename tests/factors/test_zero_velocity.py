@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.factors import StanceVelocity, factor_of
 from fg_nav.lab.simulation.motion import Ramps
+from tests.factors.derivatives import residual
 from tests.simulated import turning_foot
 
 UNIT = gtsam.noiseModel.Unit.Create(3)
@@ -32,34 +33,6 @@ def state(rotvec, position, velocity):
     return values
 
 
-def residual(factor, values):
-    """Residual, from the right-hand side -e of the linearised factor."""
-    return -factor.linearize(values).jacobian()[1]
-
-
-def moved(values, step):
-    """Values a tangent-space step (9,) of pose and velocity away."""
-    there = gtsam.Values()
-    there.insert(X(0), values.atPose3(X(0)).retract(step[:6]))
-    there.insert(V(0), values.atVector(V(0)) + step[6:])
-    there.insert(S(0), values.atVector(S(0)))
-    return there
-
-
-@given(rotvec=vectors, position=vectors, velocity=vectors, body_velocity=vectors, settling=vectors)
-@settings(max_examples=30, deadline=None)
-def test_jacobians_are_the_derivatives_on_the_manifold(rotvec, position, velocity, body_velocity, settling):
-    factor = stance(body_velocity, settling)
-    values = state(rotvec, position, velocity)
-    A, _ = factor.linearize(values).jacobian()
-    h = 1e-5
-    numeric = [
-        (residual(factor, moved(values, h * e)) - residual(factor, moved(values, -h * e))) / (2 * h) for e in np.eye(9)
-    ]
-    by_key = dict(zip(factor.keys(), np.split(A, [6, 9], axis=1), strict=True))
-    np.testing.assert_allclose(np.hstack([by_key[X(0)], by_key[V(0)]]), np.transpose(numeric), atol=1e-7)
-
-
 def test_a_softer_sole_sinks_faster_and_nothing_else():
     """One that settles 3 mm more in 0.3 s sinks by 10 mm/s more, in any attitude; that is the slope by it, too."""
     rng = np.random.default_rng(4)
@@ -74,12 +47,6 @@ def test_a_softer_sole_sinks_faster_and_nothing_else():
     values.update(S(0), values.atVector(S(0)) + 0.001)
     assert factor.keys()[2] == S(0)
     np.testing.assert_allclose(A[:, 9], (residual(factor, values) - here) / 0.001, atol=1e-9)
-
-
-def test_the_error_is_half_the_square_of_the_whitened_residual():
-    factor = stance(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.array([0.1, 0.2, 0.5]))
-    values = state(np.zeros(3), np.zeros(3), np.array([0.3, 0.4, 2.0]))
-    assert factor.error(values) == pytest.approx(0.5 * (3.0**2 + 2.0**2 + 2.0**2))
 
 
 def rolling_foot(lever, sinking=0.0):
@@ -106,14 +73,6 @@ def test_a_body_that_rolls_about_a_settling_pivot_has_no_residual(sinking):
         np.testing.assert_allclose(residual(factor, values), 0.0, atol=1e-12)
 
 
-def test_another_lever_leaves_a_residual():
-    motion = rolling_foot(LEVER)
-    now = motion.at(np.array([0.2]))
-    values = state(Rotation.from_matrix(now.nav_R_body[0]).as_rotvec(), now.position[0], now.velocity[0])
-    plain = stance(np.zeros(3), np.zeros(3))
-    np.testing.assert_allclose(now.nav_R_body[0] @ residual(plain, values), now.velocity[0], atol=1e-12)
-
-
 @given(rotvec=vectors, position=vectors, velocity=vectors)
 @settings(max_examples=10, deadline=None)
 def test_without_a_lever_it_is_the_plain_zero_velocity_update(rotvec, position, velocity):
@@ -131,10 +90,3 @@ def test_without_a_lever_it_is_the_plain_zero_velocity_update(rotvec, position, 
     of_velocity = slice(0, 4)  # keys in their order: S, V, X
     np.testing.assert_allclose(H0[of_velocity, of_velocity], H1[of_velocity, of_velocity], rtol=1e-12, atol=1e-6)
     np.testing.assert_allclose(b0, b1, rtol=1e-12, atol=1e-6)
-
-
-def test_where_it_stands_does_not_matter():
-    factor = stance(np.array([0.1, 0.0, 0.05]), np.zeros(3))
-    here = state([0.3, 0.1, 2.0], np.zeros(3), np.array([0.1, 0.2, 0.3]))
-    there = state([0.3, 0.1, 2.0], np.array([1e4, -1e4, 50.0]), np.array([0.1, 0.2, 0.3]))
-    np.testing.assert_array_equal(residual(factor, here), residual(factor, there))

@@ -97,23 +97,6 @@ def test_a_door_and_gusts_move_the_heights_by_less_than_their_sigma() -> None:
     assert np.abs(error[-1]) < 3.0 * sigma[-1]
 
 
-def test_without_its_switch_the_barometer_changes_nothing() -> None:
-    recording = with_barometer(climbed())
-    off = replace(ALONE, walk=replace(ALONE.walk, barometer=False))
-    one, other = smoothed(recording, off), smoothed(climbed())
-    np.testing.assert_array_equal(one.position, other.position)
-    assert "barometer" not in one.graph
-    assert smoothed(recording).graph["barometer"] > 50
-
-
-@pytest.mark.parametrize(("every", "begins_s"), [(200, 0.0), (8, 30.0)])
-def test_a_slow_barometer_and_one_that_begins_late_are_of_use(every: int, begins_s: float) -> None:
-    recording = with_barometer(climbed(), every=every, white_pa=0.5, drift_pa=0.1)
-    pressure = np.where(recording.t < begins_s, np.nan, recording.pressure)
-    error, sigma = height_errors(recording, smoothed(replace(recording, pressure=pressure)))
-    assert np.mean(np.abs(error[1:]) < 2.0 * sigma[1:]) > 0.9
-
-
 @pytest.mark.parametrize(("white_pa", "quantum_pa"), [(0.0, 0.01), (4.0, 1.0), (1.0, 100.0)])
 def test_noise_is_that_of_the_recording(white_pa: float, quantum_pa: float) -> None:
     recording = with_barometer(climbed(), every=2, white_pa=white_pa, quantum_pa=quantum_pa, drift_pa=0.0)
@@ -126,12 +109,6 @@ def test_noise_is_that_of_the_recording(white_pa: float, quantum_pa: float) -> N
     sigma = barometer.sigma_m(seen.number) / barometer.m_per_pa
     assert np.sqrt(np.mean((error / sigma) ** 2)) < 1.3
     assert sigma.max() < 3.0 if quantum_pa < 100.0 else sigma.min() > 0.25 * quantum_pa
-
-
-def test_readings_that_are_no_pressure_of_air_are_left_out() -> None:
-    recording = climbed()
-    nowhere = Recording.from_arrays(recording.t, recording.acc, recording.gyr)
-    assert smoothed(replace(nowhere, pressure=np.full(len(nowhere), np.nan)), ALONE).graph.get("barometer") is None
 
 
 def test_online_has_the_heights_of_the_batch() -> None:

@@ -2,20 +2,16 @@
 
 from dataclasses import replace
 
-import gtsam
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
 from fg_nav.arrays import Floats
-from fg_nav.factors.differential_field import GYRO
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
-from fg_nav.smoother.graph import solve
-from fg_nav.smoother.problem import SIGMA_LEVELS, SIGMA_PRIOR, average_bias_prior, match_mixture, walk_problem
-from fg_nav.smoother.strides import ACC_BIAS_SIGMA
+from fg_nav.smoother.problem import SIGMA_LEVELS, SIGMA_PRIOR, match_mixture
 from fg_nav.solution import Solution
-from tests.smoother.walks import DEFAULT, demo, part
+from tests.smoother.walks import DEFAULT, demo
 
 ASSUMED = float(np.radians(0.15))
 SIGMAS = ASSUMED * np.array(SIGMA_LEVELS)
@@ -52,18 +48,6 @@ def test_posterior_is_that_of_the_mixture(seed: int, mu: Floats) -> None:
     np.testing.assert_allclose(np.diagonal(found[1]), np.diagonal(expected[1]), rtol=0.35)
 
 
-def test_a_walk_that_shows_nothing_has_the_variance_of_the_levels_before_it() -> None:
-    mean, prior, *_ = match_mixture(np.zeros(3), ASSUMED**2 * np.eye(3), np.zeros(3), ASSUMED)
-    np.testing.assert_allclose(mean, 0.0, atol=1e-12)
-    np.testing.assert_allclose(prior, np.array(SIGMA_PRIOR) @ SIGMAS**2 * np.eye(3), rtol=1e-6, atol=1e-12)
-
-
-def test_a_bias_that_the_walk_shows_well_stays() -> None:
-    noise, measured = np.diag(np.radians([0.001, 0.001, 0.001])) ** 2, np.radians([0.05, -0.1, 0.02])
-    assumed = combine(measured, noise, np.zeros(3), ASSUMED**2 * np.eye(3))
-    assert match_mixture(*assumed, np.zeros(3), ASSUMED)[2] < 1.0
-
-
 def test_errors_over_sigmas_are_one_for_sensors_of_all_kinds() -> None:
     rng, z = np.random.default_rng(1), []
     noise = np.diag(np.radians([0.02, 0.05, 0.2])) ** 2
@@ -92,22 +76,6 @@ def with_bias(added_deg_s: float) -> Solution:
     return smooth(turned(added_deg_s), demo().stances, NO_RESTS, 0.0)
 
 
-def test_only_the_prior_of_the_bias_changes() -> None:
-    few = part(demo(), 12)
-    off = replace(few.recording, gyr=turned(1.0).gyr[: len(few.recording)])
-    before = walk_problem(off, few.stances, 0.0, NO_RESTS)
-    solved = solve(before)
-    after = average_bias_prior(before, solved)
-    assert after is not None
-    changed = [i for i in range(before.graph.size()) if not before.graph.at(i).equals(after.graph.at(i), 1e-9)]
-    assert after.graph.size() == before.graph.size()
-    assert [type(before.graph.at(i)) for i in changed] == [gtsam.PriorFactorConstantBias]
-    sigmas = np.sqrt(np.diagonal(after.graph.at(changed[0]).noiseModel().covariance()))
-    assert (sigmas[GYRO] > 2.0 * before.known.gyro_bias_sigma).all()
-    np.testing.assert_allclose(sigmas[:3], ACC_BIAS_SIGMA)
-    assert after.values.equals(solved.values, 0.0)
-
-
 def test_a_large_bias_is_found_and_said() -> None:
     small, large = with_bias(0.0), with_bias(1.0)
     assert any("gyro bias of 1" in note or "gyro bias of 2" in note for note in large.notes)
@@ -127,12 +95,3 @@ def test_a_bias_that_is_expected_changes_nothing_but_the_bias() -> None:
     found = np.degrees(known.stances.gyro_bias - plain.stances.gyro_bias)
     np.testing.assert_allclose(found, np.tile(mean, (len(found), 1)), atol=2e-3)
     assert "gyro bias of (0.300, -0.200, 0.500) deg/s within 0.15 before the walk, from the calibration" in known.notes
-
-
-def test_a_sensor_that_has_changed_since_is_still_found() -> None:
-    calibrated = replace(NO_RESTS, gyro_bias_deg_s=(0.3, -0.2, 0.5), gyro_bias_sigma_deg_s=0.06)
-    changed, plain = smooth(turned(1.0), demo().stances, calibrated, 0.0), with_bias(1.0)
-    apart = (changed.stances.gyro_bias[0] - plain.stances.gyro_bias[0]) / plain.stances.gyro_bias_sigma[0]
-    assert np.abs(apart).max() < 1.0
-    end = np.linalg.norm(changed.position[-1, :2] - demo().recording.truth.position[-1, :2])
-    assert end < 3.0 * np.linalg.norm(changed.stances.position_sigma[-1, :2])

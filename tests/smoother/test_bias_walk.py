@@ -12,7 +12,6 @@ from fg_nav.arrays import Floats
 from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.problem import WALK_LEVELS_DEG_S, WALK_PRIOR, average_bias_walk, walk_problem
 from fg_nav.smoother.solver import CONVERGENCE
-from fg_nav.smoother.strides import MIN_WALK_DEG_S
 from tests.smoother.walks import DEFAULT, Walk, demo, part, time_order
 
 GIVEN = replace(DEFAULT, choose_swing_noise=False, gyr_relative_density=1e-4, gyr_density_deg_s=0.015)
@@ -54,32 +53,6 @@ def test_a_minute_without_a_walk_has_no_more_than_before_it() -> None:
     """The variance of the levels as often as they are expected; a walk that is there would have shown itself."""
     before = np.sqrt(np.array(WALK_PRIOR) @ np.square(WALK_LEVELS_DEG_S))
     assert WALK_LEVELS_DEG_S[0] < problem(0.0).parameters.gyro_bias_walk_deg_s < before
-
-
-def test_a_walk_with_one_bias_keeps_what_is_assumed() -> None:
-    walk = part(demo(), 4)
-    short = walk_problem(walk.recording, walk.stances, 0.0, GIVEN)
-    assert short.nodes.bias[-1] == 0
-    assert short.parameters == GIVEN
-    assert said(short) == "gyro bias walk 0.0006 deg/s/sqrt(s), as assumed"
-
-
-def test_a_bias_that_is_assumed_not_to_walk_has_a_factor_all_the_same() -> None:
-    short = part(demo(), 20)
-    without = replace(GIVEN, gyro_bias_walk_deg_s=0.0, choose_bias_walk=False)
-    found = walk_problem(short.recording, short.stances, 0.0, without)
-    assert all((one > 0.0).all() for one in sigmas(found))
-    assert 0.0 < max(np.degrees(one[3:]).max() for one in sigmas(found)) < 1e-4
-    chosen = walk_problem(short.recording, short.stances, 0.0, replace(without, choose_bias_walk=True))
-    assert MIN_WALK_DEG_S <= chosen.parameters.gyro_bias_walk_deg_s < 100.0 * MIN_WALK_DEG_S
-
-
-def test_the_graph_has_the_walk_that_was_found() -> None:
-    by = problem(0.02).parameters.gyro_bias_walk_deg_s / problem(0.0).parameters.gyro_bias_walk_deg_s
-    for found, before in zip(sigmas(problem(0.02)), sigmas(problem(0.0)), strict=True):
-        np.testing.assert_allclose(found[3:], by * before[3:])
-        np.testing.assert_allclose(found[:3], before[:3])
-    assert len(sigmas(problem(0.02))) == problem(0.02).nodes.bias[-1]
 
 
 def test_its_variance_is_the_mean_by_the_evidence_of_the_gaussian() -> None:

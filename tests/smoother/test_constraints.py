@@ -1,7 +1,5 @@
 """Floors and courses: their linear models, what floors do to a walk, and the order of elimination."""
 
-from itertools import pairwise
-
 import gtsam
 import numpy as np
 import pytest
@@ -9,8 +7,6 @@ from gtsam.symbol_shorthand import A, V, X, Z
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.factors.residual import factor_of
-from fg_nav.factors.walk_constraints import FloorHeight
 from fg_nav.frames import yaw_rotation
 from fg_nav.smoother import smooth
 from fg_nav.smoother.building import (
@@ -20,13 +16,11 @@ from fg_nav.smoother.building import (
     make_direction_factors,
 )
 from fg_nav.smoother.heights import LEVEL_SIGMA_M, constrain_heights
-from fg_nav.smoother.solver import LinearizableBlock, Solved, WalkSystem, find_minimum
-from tests.linear import linear_factors, marginal_covariances
-from tests.smoother.walks import DEFAULT, FREE, demo, list_keys, problem, time_order
+from fg_nav.smoother.solver import LinearizableBlock
+from tests.linear import linear_factors
+from tests.smoother.walks import DEFAULT, FREE, demo, problem, time_order
 
 STRIDE_M = 1.3
-FIRM = np.array([1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3])
-STOREY, RISER = 3.4, 0.34
 
 
 def poses_of(position: Floats, course: Floats) -> list[gtsam.Pose3]:
@@ -45,33 +39,6 @@ def walked(turn: Floats, climb: Floats) -> list[gtsam.Pose3]:
     course = np.cumsum(np.concatenate([[0.0], turn]))
     move = STRIDE_M * np.stack([np.cos(course[1:]), np.sin(course[1:]), climb / STRIDE_M], axis=1)
     return poses_of(np.concatenate([np.zeros((1, 3)), np.cumsum(move, axis=0)]), course)
-
-
-def dead_reckoned(poses: list[gtsam.Pose3], sigma: Floats) -> gtsam.NonlinearFactorGraph:
-    """What a foot measures of its strides, from a start that is known."""
-    graph = gtsam.NonlinearFactorGraph()
-    graph.push_back(gtsam.PriorFactorPose3(X(0), poses[0], gtsam.noiseModel.Diagonal.Sigmas(FIRM)))
-    noise = gtsam.noiseModel.Diagonal.Sigmas(sigma)
-    for k in range(1, len(poses)):
-        graph.push_back(gtsam.BetweenFactorPose3(X(k - 1), X(k), poses[k - 1].between(poses[k]), noise))
-    return graph
-
-
-def order(count: int, floors: int = 0) -> gtsam.Ordering:
-    ordering = gtsam.Ordering()
-    for key in [*(X(k) for k in range(count)), *(Z(k) for k in range(floors))]:
-        ordering.push_back(key)
-    return ordering
-
-
-def on_floors(poses: list[gtsam.Pose3], floor: Ints, sigma: Floats) -> Solved:
-    """A dead-reckoned walk with its floors."""
-    values, count = values_of(poses), int(floor.max()) + 1
-    for k in range(count):
-        values.insert(Z(k), np.zeros(1))
-    block = constrain_heights(np.arange(len(poses)), floor, LEVEL_SIGMA_M)
-    system = WalkSystem(dead_reckoned(poses, sigma), [block])
-    return find_minimum(system, values, list_keys(order(len(poses), count)), 1e-6, 50)
 
 
 def anywhere(count: int, seed: int = 0) -> gtsam.Values:
@@ -96,10 +63,6 @@ def linear(block: LinearizableBlock, values: gtsam.Values) -> gtsam.GaussianFact
     return graph
 
 
-def positions(values: gtsam.Values, count: int) -> Floats:
-    return np.array([values.atPose3(X(k)).translation() for k in range(count)])
-
-
 MIXTURE = Mixture(np.radians(2.0), 0.7)
 
 
@@ -117,7 +80,7 @@ def test_linear_model_has_the_error_at_hand_and_its_slope(kind: str) -> None:
         poses = walked(np.random.default_rng(3).normal(0.0, 0.02, 59), np.zeros(59))
         values = values_of(poses)
         values.insert(A(0), np.array([0.1]))
-        part: LinearizableBlock = tie_courses(positions(values, 60), np.arange(60)).courses
+        part: LinearizableBlock = tie_courses(np.array([pose.translation() for pose in poses]), np.arange(60)).courses
     else:
         values = anywhere(60)
         values.insert(Z(0), np.array([0.3]))
@@ -129,82 +92,6 @@ def test_linear_model_has_the_error_at_hand_and_its_slope(kind: str) -> None:
         there, back = (steps_of(values, seed, size) for size in (1e-6, -1e-6))
         slope = part.error(values.retract(there)) - part.error(values.retract(back))
         assert slope == pytest.approx(model.error(there) - model.error(back), rel=1e-3, abs=1e-9)
-
-
-SIGMA = np.array([1e-4, 1e-4, np.radians(0.05), 0.01, 0.01, 0.005])  # Of a stride: rotation rad, translation m.
-
-
-def storeys(level: int = 60, visits: tuple[int, ...] = (0, 1, 0, 2, 1, 0)) -> tuple[Floats, Ints]:
-    """True heights of footfalls on floors with stairs between them; and the floors, -1 on stairs, as they are met."""
-    height, floor = [np.zeros(level)], [np.full(level, visits[0])]
-    for a, b in pairwise(visits):
-        climb = STOREY * (a + np.sign(b - a) * np.arange(1, 10 * abs(b - a)) / 10)
-        height += [climb, np.full(level, STOREY * b)]
-        floor += [np.full(len(climb), -1), np.full(level, b)]
-    return np.concatenate(height), np.concatenate(floor)
-
-
-def test_heights_are_the_factors() -> None:
-    values, rng = anywhere(30), np.random.default_rng(3)
-    label = rng.integers(-1, 3, 30)
-    block = constrain_heights(np.arange(30), label, 0.02)
-    for floor in range(3):
-        values.insert(Z(floor), rng.normal(0.0, 0.1, 1))
-    graph = gtsam.NonlinearFactorGraph()
-    for k in np.flatnonzero(label >= 0):
-        graph.push_back(factor_of(FloorHeight(0.02), [X(int(k)), Z(int(label[k]))]))
-    step = steps_of(values, 4, 0.01)
-    assert len(block) == (label >= 0).sum()
-    assert block.error(values) == pytest.approx(graph.error(values), rel=1e-9)
-    assert linear(block, values).error(step) == pytest.approx(graph.linearize(values).error(step), rel=1e-9)
-
-
-CLIMBING = np.array([1e-4, 1e-4, 1e-4, 0.01, 0.01, 0.015])
-
-
-def test_a_floor_that_is_visited_again_gets_its_height_back() -> None:
-    height, floor = storeys()
-    seen = np.diff(height) + 0.01 * np.random.default_rng(1).standard_normal(len(height) - 1)
-    solved = on_floors(walked(np.zeros(len(seen)), seen), floor, CLIMBING)
-    found = positions(solved.values, len(height))[:, 2]
-    for k in range(3):
-        assert np.ptp(found[floor == k]) < 0.05
-    floors = np.array([found[floor == k].mean() for k in range(3)])
-    np.testing.assert_allclose(floors - floors[0], STOREY * np.arange(3), atol=0.1)
-
-
-def test_a_walk_on_no_floor_is_left_alone() -> None:
-    block = constrain_heights(np.arange(21), np.full(21, -1), LEVEL_SIGMA_M)
-    assert block.stack(gtsam.Values()) == []
-
-
-def test_marginals_are_those_of_the_information_matrix() -> None:
-    """With courses across five strides, floors and a direction at the end of the order, down the tree as on a chain."""
-    height, floor = storeys(level=12, visits=(0, 1, 0))
-    rng = np.random.default_rng(5)
-    poses = walked(rng.normal(0, 0.01, len(height) - 1), np.diff(height))
-    values = values_of(poses)
-    node = np.arange(len(poses))
-    directions = tie_courses(positions(values, len(poses)), node)
-    blocks = *directions.blocks, constrain_heights(node, floor, LEVEL_SIGMA_M)
-    for k in range(2):
-        values.insert(Z(k), np.zeros(1))
-    values.insert(A(0), np.array([0.1]))
-    ordering = order(len(poses), 2)
-    ordering.push_back(A(0))
-    graph = dead_reckoned(poses, SIGMA).linearize(values)
-    for block in blocks:
-        for factor in linear_factors(block, values):
-            graph.push_back(factor)
-    full = np.linalg.inv(graph.hessian(ordering)[0])
-    keys = [*(X(k) for k in range(len(poses))), Z(0), Z(1), A(0)]
-    found = marginal_covariances(graph.eliminateMultifrontal(ordering, gtsam.EliminateQR), set(keys))
-    first = 0
-    for key in keys:
-        last = first + len(found[key])
-        np.testing.assert_allclose(found[key], full[first:last, first:last], rtol=1e-5, atol=1e-12)
-        first = last
-    assert first == len(full)
 
 
 def test_a_floor_is_eliminated_when_it_is_left_for_good() -> None:

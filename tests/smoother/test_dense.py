@@ -60,12 +60,6 @@ def test_it_passes_through_every_node(bent) -> None:
         np.testing.assert_allclose(dense_state[SAMPLE], state, atol=1e-9)
 
 
-def test_nothing_is_corrected_where_the_nodes_lie_on_the_integrated_path(recording: Recording, truth) -> None:
-    found = dense(recording, [states[SAMPLE] for states in truth])
-    for integrated, dense_states in zip(truth, found, strict=True):
-        np.testing.assert_allclose(dense_states, integrated, atol=1e-9)
-
-
 def test_biases_are_taken_off(recording: Recording, truth) -> None:
     """But for the hundredths of a millimetre by which a bias changes coning and sculling."""
     gyro, acc = np.array([0.01, -0.02, 0.03]), np.array([0.1, 0.2, -0.3])
@@ -107,39 +101,3 @@ def test_corrections_are_smooth(recording: Recording, truth) -> None:
     # the correction of velocity is the derivative of that of position
     h = 1 / RATE
     np.testing.assert_allclose(np.gradient(shift, h, axis=0)[1:-1], kick[1:-1], atol=1e-4)
-
-
-def test_attitude_stays_orthonormal(bent) -> None:
-    _, (_, _, R) = bent
-    np.testing.assert_allclose(R @ R.transpose(0, 2, 1), np.tile(np.eye(3), (len(R), 1, 1)), atol=1e-12)
-    np.testing.assert_allclose(np.linalg.det(R), 1.0, atol=1e-12)
-
-
-def test_before_the_first_node_and_after_the_last_it_is_integration(recording: Recording, truth, bent) -> None:
-    states, found = bent
-    # turned and shifted as a whole: what the integrated path is to its state at the node
-    for part, node in ((slice(0, SAMPLE[0] + 1), 0), (slice(SAMPLE[-1], None), -1)):
-        i = SAMPLE[node]
-        alone = dense_trajectory(
-            recording, SAMPLE[[node]], *(s[[node]] for s in states), *np.zeros((2, 1, 3)), GRAVITY_M_S2
-        )
-        for a, b in zip(found, alone, strict=True):
-            np.testing.assert_allclose(a[part], b[part], atol=1e-12)
-        turned = truth[2][i] @ np.swapaxes(truth[2][part], 1, 2)
-        np.testing.assert_allclose(
-            found[2][i] @ np.swapaxes(found[2][part], 1, 2), _in(states[2][node], truth[2][i], turned), atol=1e-9
-        )
-
-
-def _in(R: np.ndarray, Q: np.ndarray, turned: np.ndarray) -> np.ndarray:
-    """Turns seen from an attitude Q as seen from R."""
-    change = R @ Q.T
-    return change @ turned @ change.T
-
-
-def test_back_to_the_start_and_forth_again(recording: Recording, truth) -> None:
-    """Integrated back from one node to the start: from there forward the same states are met."""
-    i = 900
-    back = dense_trajectory(recording, np.array([i]), *(s[[i]] for s in truth), *np.zeros((2, 1, 3)), GRAVITY_M_S2)
-    for a, b in zip(back, truth, strict=True):
-        np.testing.assert_allclose(a, b, atol=1e-9)

@@ -10,7 +10,7 @@ import pytest
 from gtsam.symbol_shorthand import B
 
 from fg_nav.arrays import Floats
-from fg_nav.detection import RestParameters, find_rests
+from fg_nav.detection import RestParameters
 from fg_nav.factors.differential_field import BiasInformation
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.recording import Recording
@@ -23,9 +23,8 @@ from fg_nav.smoother.differential import (
     fit_variogram,
     measure_noise,
     turn_stretches,
-    write_note,
 )
-from fg_nav.smoother.graph import WalkProblem, solve, trajectory_of
+from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.strides import place_nodes
@@ -119,35 +118,6 @@ def test_its_factors_are_the_same_in_batch_and_one_by_one() -> None:
     assert problem.factors().size() == n_without + len(factors)
 
 
-def test_where_a_rest_is_found_nothing_else_is_asked() -> None:
-    recording, stances = in_field(False), demo().stances
-    rests = find_rests(recording)
-    assert rests
-    nodes = place_nodes(recording, stances, DEFAULT)
-    used, among = find_stretches(recording, nodes, rests), find_stretches(recording, nodes, ())
-    assert len(used.start) < len(among.start)
-    for rest in rests:
-        assert ((used.stop <= rest.start) | (used.start >= rest.stop)).all()
-
-
-def test_stretches_do_not_overlap_and_lie_about_their_stances() -> None:
-    recording, stances = in_field(False), demo().stances
-    stretches = find_stretches(recording, place_nodes(recording, stances, DEFAULT), ())
-    assert (stretches.start[1:] >= stretches.stop[:-1]).all()
-    assert (np.diff(stretches.bias) >= 0).all()
-    standing = (stretches.stop - stretches.start)[stretches.is_standing] * recording.period_s
-    assert (standing <= differential.MAX_S + recording.period_s).all()
-
-
-def test_stretches_without_a_field_are_left_out() -> None:
-    recording = in_field(False)
-    half = np.where(np.arange(len(recording))[:, None] < len(recording) // 2, recording.mag, np.nan)
-    dark = replace(recording, mag=half)
-    stretches = find_stretches(dark, place_nodes(dark, demo().stances, DEFAULT), ())
-    assert len(stretches.start) > 0
-    assert (stretches.start < len(recording) // 2).all()
-
-
 def test_the_noise_of_the_magnetometer_is_found() -> None:
     recording = in_field(True)
     stretches = find_stretches(recording, place_nodes(recording, demo().stances, DEFAULT), ())
@@ -170,30 +140,6 @@ def test_the_variogram_of_the_swings_is_that_of_the_field() -> None:
         true = np.mean((waves(place + r * direction) - waves(place)) ** 2) / 2.0
         gamma = found.sigma_uT**2 - float(found.covariance(np.array(r**2)))
         assert 0.4 < gamma / true < 2.5
-
-
-def test_a_walk_of_few_swings_has_no_variogram_and_no_factors() -> None:
-    problem, values = with_factors(True)
-    recording, p = problem.recording, problem.parameters
-    assert recording.mag is not None
-    track = trajectory_of(recording, problem.nodes, values, p.gravity)
-    few = replace(problem.nodes, first=problem.nodes.first[:2])
-    assert fit_variogram(recording.mag, track.position, track.nav_R_body, few, 0.2) is None
-
-
-def test_it_can_be_left_out() -> None:
-    problem, values = with_factors(True)
-    off = replace(problem.parameters, magnetic=replace(problem.parameters.magnetic, differential=False))
-    without = replace(problem.without(DifferentialFactors), parameters=off)
-    assert add_differential_field(without, values, track_of(problem, values)).find(DifferentialFactors) is None
-
-
-def test_the_notes_say_how_many_stances_and_how_well() -> None:
-    (note,) = write_note(factors_of(with_factors(True)[0]))
-    assert note.startswith("gyro bias by the differential field of ")
-    assert "stances" in note
-    assert "deg/s" in note
-    assert write_note(None) == ()
 
 
 def test_a_field_that_is_not_of_the_model_is_left_out() -> None:
@@ -223,9 +169,3 @@ def test_what_contradicts_gravity_is_weakened_about_all_axes_and_nothing_else() 
     weight = np.array([1.0, 1.0, differential.MAX_LEVEL_RATIO / ratio])
     np.testing.assert_allclose(weaker.matrix, shown.matrix * weight[:, None, None], rtol=1e-5)
     np.testing.assert_allclose(weaker.vector, shown.vector * weight[:, None], rtol=1e-5, atol=1e-9)
-
-
-def test_what_shows_nothing_contradicts_nothing() -> None:
-    nothing = BiasInformation(np.zeros((1, 3, 3)), np.zeros((1, 3)))
-    weaker = LevelBias(np.ones((1, 3)), np.array([0.0, 0.0, 1.0])).weaken(nothing)
-    np.testing.assert_array_equal(weaker.matrix, nothing.matrix)

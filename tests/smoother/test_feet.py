@@ -21,15 +21,13 @@ from fg_nav.smoother.feet import (
     _pair_keys,
     _subtract_left,
     _take_covariances,
-    list_footfalls,
     order_variables,
     pair_standing_feet,
     smooth_feet,
     solve_feet,
 )
-from fg_nav.smoother.graph import turn_walk
 from fg_nav.smoother.solver import find_minimum
-from fg_nav.smoother.square_root import DIMENSION, LinearWalk
+from fg_nav.smoother.square_root import DIMENSION
 from fg_nav.truth import TrajectoryTruth
 
 SIDES = ("left", "right")
@@ -82,14 +80,6 @@ def test_both_feet_are_found_in_one_frame_though_the_right_ones_start_is_not_kno
         assert np.sqrt(np.mean(error[:, :2] ** 2)) < 0.15
         turned = wrap_angle(compute_heading(table.nav_R_body) - compute_heading(truth.nav_R_body[table.sample]))
         assert np.abs(turned).max() < np.radians(3.0)
-
-
-def test_a_wrong_heading_of_the_right_foot_changes_nothing(feet: dict[str, WalkInput], both: FeetSolution) -> None:
-    """It is free: only the steps show how its path lies."""
-    turned = replace(feet["right"], heading=feet["right"].heading + 2.0)
-    other = smooth_feet(turned, feet["left"])
-    np.testing.assert_allclose(other.right.position, both.right.position, atol=0.01)
-    np.testing.assert_allclose(other.left.position, both.left.position, atol=0.01)
 
 
 def test_the_width_is_that_of_the_person(walk: SimulatedFeet, both: FeetSolution) -> None:
@@ -153,19 +143,6 @@ def test_where_one_foot_was_not_recorded_the_person_goes_as_the_other_one(
         assert person.stances.t[-1] > both.person.t[-1] - 8.0
 
 
-def test_all_variables_are_eliminated_once_and_the_covariances_are_those_of_all_factors(solved: SolvedFeet) -> None:
-    """The triangle is compared with the inverse of the dense information."""
-    problem, keys = solved.problem, order_variables(solved.problem)
-    stacks = problem.system.stack(solved.minimum.linearized_at)
-    assert len(np.unique(keys)) == len(keys)
-    assert set(keys.tolist()) == {int(key) for stack in stacks for key in np.unique(stack.keys)}
-    root, dense = LinearWalk.of(stacks, keys).eliminate()[0], DenseCovariance(stacks, keys)
-    nodes = problem.right.nodes.result[[0, 20, -1]]
-    for key in (X(int(j)) for j in nodes):
-        found = root.shift_keys(int(RIGHT)).covariances([key])[key]
-        assert_like(found, dense.find(np.array([np.uint64(key) + RIGHT])))
-
-
 class DenseCovariance:
     """Of variables in the order of their elimination, by the whole information matrix."""
 
@@ -220,19 +197,6 @@ def test_where_no_steps_tie_the_feet_pairs_of_footfalls_hold_what_they_differ_by
     free = np.setdiff1d(np.arange(len(tables[0]) - 1), ties.right)[5]
     key = np.uint64(X(int(watched.problem.right.nodes.result[free]))) + RIGHT
     assert_like(tables[0][free], dense.find(np.array([key])))
-
-
-def test_feet_that_were_bent_apart_are_found_as_before(solved: SolvedFeet) -> None:
-    """Where the graph starts from does not matter: one foot's path is bent by half a right angle."""
-    right = solved.problem.right
-    bent = replace(right, values=type(right.values)(right.values))
-    turn_walk(bent.values, right.nodes, np.linspace(0.0, 0.8, len(right.nodes)))
-    again = solve_feet(bent, replace(solved.problem.left, values=solved.left.values))
-    for name in SIDES:
-        one, other = (
-            list_footfalls(getattr(s.problem, name), getattr(s, name).values).position for s in (solved, again)
-        )
-        np.testing.assert_allclose(one, other, atol=0.02)
 
 
 def test_standing_feet_beyond_reach_are_found_and_pulled_together(solved: SolvedFeet) -> None:

@@ -11,9 +11,8 @@ import pytest
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.detection import RestParameters, detect_stances
-from fg_nav.detection.stance import Stances
-from fg_nav.errors import EstimationError, MagneticError
-from fg_nav.frames import GRAVITY_M_S2, compute_heading, wrap_angle
+from fg_nav.errors import EstimationError
+from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.lab.simulation import simulate
 from fg_nav.lab.simulation.fields import magnet
 from fg_nav.lab.simulation.fields.sources import Dipoles
@@ -125,15 +124,6 @@ def test_in_a_homogeneous_field_a_gyro_bias_turns_nothing(heading: float | None,
     assert set(found.stances.field[STRIDES:]) == {QUASI_STATIC}
 
 
-def test_its_gyro_bias_is_found() -> None:
-    drifting = in_field(earth(), bias_deg_s=0.2)
-    about_up = [
-        np.einsum("ki,ki->k", found.stances.nav_R_body[:, 2], found.stances.gyro_bias)[30]
-        for found in (smoothed(in_field(earth()), None, NOT_RESTED), smoothed(drifting, None, NOT_RESTED))
-    ]
-    assert np.degrees(about_up[1] - about_up[0]) == pytest.approx(0.2, abs=0.03)
-
-
 @pytest.mark.parametrize("azimuth_deg", [0.0, 70.0, -135.0, 180.0])
 def test_a_heading_that_nobody_told_is_that_from_magnetic_north(azimuth_deg: float) -> None:
     found = smoothed(in_field(earth(np.radians(azimuth_deg))), None)
@@ -226,11 +216,6 @@ def test_hard_iron_upward_is_found_in_the_swing() -> None:
     assert np.abs(heading_error_deg(found)).max() < 0.6
 
 
-def test_the_same_walk_is_smoothed_the_same() -> None:
-    recording = in_field(lambda x: earth() + near(20).at(x))
-    assert_same(smoothed(recording, None), smoothed(recording, None))
-
-
 # ------------------------------------------------------------------------------------------------------------ magnets
 
 
@@ -253,19 +238,6 @@ def test_a_magnet_beside_the_way_is_seen_and_turns_nobody(heading: float | None,
     assert np.abs(blind).max() < 0.5
 
 
-def box(k: int, there: Floats) -> Callable[[Floats], Floats]:
-    """Another field within a step of a footfall."""
-    at = place_of_footfall(k)
-    return lambda x: np.where((np.linalg.norm(x - at, axis=1) < 0.3)[:, None], there, earth())
-
-
-def test_a_field_that_is_only_turned_is_seen_against_the_smoothed_heading() -> None:
-    """Strength and inclination are right."""
-    found = smoothed(in_field(box(20, earth(np.radians(10.0)))))
-    (change,) = re.findall(r"heading difference changes by ([\d.]+) deg", found.stances.field_reason[20])
-    assert float(change) == pytest.approx(10.0, abs=1.0)
-
-
 def test_what_a_hard_gate_rejects_is_not_in_the_graph() -> None:
     """Whatever the field is there."""
     recording = in_field(lambda x: earth() + near(20, 10.0).at(x))
@@ -279,24 +251,6 @@ def test_what_a_hard_gate_rejects_is_not_in_the_graph() -> None:
     # But for the mean field, by which the solver's first values are turned.
     np.testing.assert_allclose(one.position, two.position, atol=8e-3)
     np.testing.assert_allclose(one.stances.heading_sigma, two.stances.heading_sigma, rtol=1e-2)
-
-
-@pytest.mark.parametrize("gate", ["ma2018", "aiez", "qsf", "none"])
-def test_every_footfall_with_a_reading_has_its_compass(gate: str) -> None:
-    recording = in_field(lambda x: earth() + near(20, 10.0).at(x))
-    assert smoothed(recording, p=replace_field(gate=gate)).graph["magnetic_heading"] == demo().stances.n_footfalls
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_a_field_that_is_another_at_each_footfall_bends_a_walk_with_a_rest_within_its_sigma(seed: int) -> None:
-    """12 uT a component: half of the horizontal field."""
-    recording, rng = in_field(earth(), seed), np.random.default_rng(seed)
-    field = average_footfall_field(recording, demo(seed).stances)
-    field = replace(field, body_field=field.body_field + 12.0 * rng.standard_normal(field.body_field.shape))
-    found, without = smoothed(recording, None, seed=seed, field=field), inertial(recording, seed=seed)
-    off = np.degrees(wrap_angle(compute_heading(found.nav_R_body) - compute_heading(without.nav_R_body)))
-    assert np.ptp(off) < 1.5
-    assert np.abs(heading_error_deg(found, seed)).max() < 2.5 * np.degrees(found.stances.heading_sigma.min())
 
 
 # ------------------------------------------------------------------------------------------- where there is no field
@@ -323,13 +277,6 @@ def test_a_stretch_without_a_field_is_walked_by_the_gyroscope(part: str, potenti
     assert np.abs(heading_error_deg(found)).max() < 2.0
 
 
-def test_without_a_field_it_is_the_inertial_walk_and_says_so() -> None:
-    found = inertial(plain())
-    assert set(found.stances.field) == {UNKNOWN}
-    assert set(found.stances.field_reason) == {"the magnetometer was not used"}
-    assert len(found.stances.field) == len(found.stances.t)
-
-
 def test_too_few_fields_are_left_alone() -> None:
     stances = demo().stances
     last = stances.stop[np.flatnonzero(stances.footfall < MIN_SEEN - 1)[-1]]
@@ -350,38 +297,7 @@ def test_near_the_magnetic_pole_there_is_no_compass() -> None:
     assert set(seen[STRIDES:]) == {QUASI_STATIC}
 
 
-def test_a_foot_that_only_stands_keeps_its_heading() -> None:
-    n, rng = 3000, np.random.default_rng(0)
-    acc = np.tile([0.0, 0.0, GRAVITY_M_S2], (n, 1)) + 0.01 * rng.standard_normal((n, 3))
-    gyr = 1e-4 * rng.standard_normal((n, 3)) + np.radians([0.0, 0.0, 0.05])
-    body_field = np.array([12.0, 16.0, UP])
-    still = Recording(np.arange(n) / 100.0, acc, gyr, np.tile(body_field, (n, 1)))
-    stances = Stances.from_mask(np.arange(n) % 300 < 250)
-    assert stances.n_footfalls >= MIN_SEEN
-    found = smooth(still, stances, heading=None, field=average_footfall_field(still, stances))
-    np.testing.assert_allclose(np.degrees(compute_heading(found.nav_R_body)), np.degrees(np.arctan2(16, 12)), atol=0.2)
-    assert np.isfinite(found.stances.heading_sigma).all()
-
-
 # -------------------------------------------------------------------------------------------------------- parameters
-
-
-def test_the_potential_alone_holds_a_heading() -> None:
-    drifting = in_field(earth(), bias_deg_s=0.2)
-    found = smoothed(drifting, 0.0, replace_field(NOT_RESTED, compass=False))
-    assert np.abs(heading_error_deg(found)).max() < 1.5
-
-
-def test_none_of_the_three_is_the_inertial_walk() -> None:
-    found = smoothed(plain(), p=replace_field(compass=False, potential=False, differential=False))
-    expected = inertial(plain())
-    np.testing.assert_allclose(found.position, expected.position, atol=0.01)
-    np.testing.assert_allclose(found.stances.heading_sigma, expected.stances.heading_sigma, rtol=0.01)
-
-
-def test_a_detector_that_does_not_exist_is_refused() -> None:
-    with pytest.raises(MagneticError, match="there is no detector 'sextant'"):
-        smoothed(plain(), p=replace_field(gate="sextant"))
 
 
 def test_a_field_of_another_walk_or_without_a_magnetometer_is_refused() -> None:

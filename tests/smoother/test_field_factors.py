@@ -19,8 +19,6 @@ from fg_nav.factors.magnetic_field import (
     SIZE,
     TAIL_SIGMAS,
     FieldPrior,
-    across_direction,
-    across_field,
 )
 from fg_nav.factors.rotation import skew
 from fg_nav.frames import yaw_rotation
@@ -202,26 +200,6 @@ def test_the_field_tilts_and_shifts_no_pose(seed: int) -> None:
         np.testing.assert_allclose(of_pose, known * np.outer(up, up), atol=1e-9 * known)
 
 
-def test_the_truth_has_no_error() -> None:
-    walked = Walked()
-    assert error_of(walked.factors, walked.values()) < 1e-18
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_the_error_of_the_linear_graph_is_the_error(seed: int) -> None:
-    walked = Walked(seed, used=np.array([True, False, True, True]))
-    values = walked.values(off=1.0)
-    assert walked.linear(values).error(_zeros(walked)) == pytest.approx(error_of(walked.factors, values), rel=1e-9)
-
-
-def _zeros(walked: Walked) -> gtsam.VectorValues:
-    zeros = gtsam.VectorValues()
-    for k in range(walked.count):
-        zeros.insert(X(2 * k), np.zeros(6))
-        zeros.insert(M(k), np.zeros(SIZE))
-    return zeros
-
-
 def tail(x: float) -> float:
     """Cauchy's loss of the compass at so many sigmas."""
     return 0.5 * TAIL_SIGMAS**2 * float(np.log1p((x / TAIL_SIGMAS) ** 2))
@@ -269,27 +247,6 @@ def test_a_heading_wrong_by_an_angle_is_seen_across_and_along_the_path() -> None
     across = STRENGTH * angle / COMPASS_SIGMA_UT
     assert error == pytest.approx(0.5 * (across**2 + along**2), rel=2e-3)
     assert abs(along) > 1e-3
-
-
-def test_a_deviation_across_the_field_is_delta_and_a_wrong_heading() -> None:
-    """The same residual: 2 uT to the right of the field, or a body that has turned by as much to the left."""
-    walked = Walked(count=2, deviation=np.tile(2.0 * np.append(RIGHT, 0.0), (2, 1)))
-    values = walked.values()
-    given = gtsam.Values(values)
-    for k in range(2):
-        m = values.atVector(M(k)).copy()
-        m[DELTA] = 2.0
-        given.update(M(k), m)
-    factors = FieldFactors(walked.readings, walked.path, FIRST, _held(ROUGH), COMPASS)
-    assert error_of(factors, given) == pytest.approx(0.5 * (2.0 / 5.0) ** 2, rel=1e-6)
-    turned = values
-    for k in range(2):
-        turned = about_up(turned, X(2 * k), np.arctan2(2.0, STRENGTH))
-    assert error_of(factors, turned) < 1e-12
-
-
-def _held(rough: FieldRoughness) -> FieldRoughness:
-    return replace(rough, across=replace(rough.across, length_m=1e9))
 
 
 def test_hard_iron_is_that_of_the_stance_s_axes() -> None:
@@ -351,15 +308,6 @@ def test_a_compass_that_is_not_used_turns_nothing_and_one_in_the_tail_little() -
     assert unused < in_tail < 1.0
 
 
-def test_a_compass_next_to_a_magnet_moves_delta_where_it_may() -> None:
-    """Where the field is as rough as that, and where it is not the heading."""
-    walked, values = next_to_a_magnet(replace(SMOOTH, across=Roughness(60.0, 0.3)))
-    states = walked.factors.states(values)
-    assert states[3, DELTA] == pytest.approx(60.0, abs=1.0)
-    assert np.abs(np.delete(states[:, DELTA], 3)).max() < 3.0
-    assert np.degrees(np.abs(headings_off(walked, values))).max() < 0.3
-
-
 def test_a_field_that_is_not_where_it_was_expected_turns_and_does_not_shrink() -> None:
     """Direction and strength are priors of their own: an E of none would have no direction to be wrong by."""
     expected = FieldPrior(
@@ -394,19 +342,6 @@ def test_without_any_deviation_it_is_a_compass() -> None:
     found = walked.of_yaws(walked.values())
     expected = (COMPASS_SIGMA_UT / STRENGTH) ** -2
     np.testing.assert_allclose(found, expected * np.eye(walked.count), rtol=1e-4, atol=1e-4 * expected)
-
-
-@pytest.mark.usefixtures("steady")
-def test_a_deviation_that_is_new_at_each_footfall_adds_to_the_noise() -> None:
-    own = Roughness(5.0, 1e-3)
-    walked = Walked(
-        rough=FieldRoughness(NONE, own, NONE, 0.0),
-        first=replace(KNOWN, sigma=np.where(np.arange(SIZE) == DELTA, 5.0, NEVER)),
-        p=COMPASS,
-    )
-    expected = (np.hypot(COMPASS_SIGMA_UT, 5.0) / STRENGTH) ** -2
-    found = walked.of_yaws(walked.values())
-    np.testing.assert_allclose(found, expected * np.eye(walked.count), rtol=1e-3, atol=1e-3 * expected)
 
 
 @pytest.fixture
@@ -457,40 +392,6 @@ def test_a_footfall_without_a_field_is_passed_over() -> None:
     anything = replace(walked.readings, body_field=walked.readings.body_field + 1e4 * (np.arange(4) == 1)[:, None])
     factors = FieldFactors(anything, walked.path, FIRST, ROUGH, COMPASS)
     assert error_of(factors, walked.values()) < 1e-18
-
-
-@pytest.mark.parametrize("used", [np.array([False, True, True, False]), np.zeros(4, dtype=bool)], ids=["ends", "all"])
-def test_equations_have_a_solution_wherever_the_field_was_not_seen(used: Floats) -> None:
-    walked = Walked(used=used)
-    walked.factors = FieldFactors(walked.readings, replace(walked.path, sigma_uT_m=np.full(3, np.inf)), FIRST, ROUGH, P)
-    values = solved(walked, walked.values(off=0.1), np.radians(1.0))
-    assert np.isfinite(walked.factors.states(values)).all()
-
-
-def test_a_foot_that_only_stands_has_equations_with_a_solution() -> None:
-    walked = Walked(count=6, stride_m=0.0)
-    values = solved(walked, walked.values(off=0.1), np.radians(1.0))
-    np.testing.assert_allclose(headings_off(walked, values), 0.0, atol=1e-3)
-
-
-def test_one_footfall_alone_has_a_compass_and_no_way() -> None:
-    walked = Walked(count=1)
-    values = walked.values(off=0.5)
-    assert walked.linear(values).error(_zeros(walked)) == pytest.approx(error_of(walked.factors, values), rel=1e-9)
-    assert walked.of_yaws(values)[0, 0] > 0.0
-
-
-def test_right_of_the_field_is_clockwise_from_it() -> None:
-    """Of a field to the north it is the east."""
-    reference = np.array([[0.0, 20.0], [20.0, 0.0]])
-    np.testing.assert_allclose(across_direction(reference), [[1.0, 0.0], [0.0, -1.0]], atol=1e-12)
-    np.testing.assert_allclose(across_field(np.array([[3.0, 20.0, 7.0], [20.0, -4.0, 7.0]]), reference), [3.0, 4.0])
-
-
-def test_the_length_of_the_reference_makes_no_difference() -> None:
-    rng = np.random.default_rng(0)
-    field, reference = rng.standard_normal((5, 3)), rng.standard_normal((5, 2))
-    np.testing.assert_allclose(across_field(field, 7.0 * reference), across_field(field, reference))
 
 
 @pytest.mark.parametrize("seed", range(3))

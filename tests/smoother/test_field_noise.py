@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fg_nav.arrays import Floats, robust_sigma
+from fg_nav.arrays import Floats
 from fg_nav.smoother.field_factors import (
     ASSUMED_SHARE,
     MIN_REGIONAL_UT,
@@ -73,15 +73,6 @@ def test_spread_length_and_regional_part_of_a_process_are_found(
         assert np.mean([one.across.length_m for one in found]) == pytest.approx(across.length_m, rel=0.15)
 
 
-@pytest.mark.parametrize("noise_uT", [0.0, 0.05])
-def test_a_homogeneous_field_has_next_to_no_roughness(noise_uT: float) -> None:
-    """What is less than the sensor's own is none of the field."""
-    found = measure(*draw_field(0, noise_uT, Roughness(0.0, 3.0), 0.0, 400))
-    assert found.across.sigma == found.regional.sigma == MIN_REGIONAL_UT
-    assert found.white_uT < 0.02
-    assert found.potential.sigma == pytest.approx(POTENTIAL_PER_FIELD_M * MIN_SIGMA_UT)
-
-
 def test_a_magnet_on_the_way_does_not_set_the_scale() -> None:
     deviation, distance = draw_field(3, 1.0, Roughness(2.0, 3.0), 0.5, 300)
     clean = measure(deviation, distance)
@@ -104,18 +95,6 @@ def test_footfalls_that_were_not_seen_are_left_out() -> None:
     assert found.white_uT == pytest.approx(whole.white_uT, abs=0.3)
 
 
-def test_standing_between_the_strides_does_not_lengthen_them() -> None:
-    """Of two footfalls on a spot one shows no more than the other."""
-    deviation, distance = draw_field(5, 1.0, Roughness(3.0, 3.0), 1.0)
-    between = np.zeros(2 * len(deviation) - 1)
-    between[1::2] = distance
-    walked, stood = measure(deviation, distance), measure(np.repeat(deviation, 2), between)
-    assert stood.across.length_m == pytest.approx(walked.across.length_m, rel=0.3)
-    for one in ("across", "regional"):
-        assert getattr(stood, one).sigma == pytest.approx(getattr(walked, one).sigma, rel=0.15)
-    assert stood.white_uT == pytest.approx(walked.white_uT, abs=0.5)
-
-
 def test_a_short_walk_keeps_to_what_was_assumed() -> None:
     """Eight strides, of which each deviates for itself or all alike."""
     for across in (Roughness(0.0, 3.0), Roughness(4.0, 300.0)):
@@ -131,28 +110,6 @@ def test_where_nothing_was_seen_the_spread_is_the_sensor_s(seen: np.ndarray) -> 
     assert found.potential.sigma == pytest.approx(POTENTIAL_PER_FIELD_M * MIN_SIGMA_UT)
     assert found.across.sigma == found.regional.sigma == MIN_REGIONAL_UT
     assert found.white_uT < 0.02
-
-
-@pytest.mark.parametrize("count", [1, 2, 40])
-def test_a_foot_that_only_stands_or_made_one_stride_has_a_roughness(count: int) -> None:
-    found = measure(np.full(count, 3.0), np.zeros(count - 1))
-    assert found.potential.sigma == pytest.approx(POTENTIAL_PER_FIELD_M * 3.0)
-    variance = found.white_uT**2 + found.across.sigma**2 + found.regional.sigma**2
-    assert variance == pytest.approx(9.0, rel=0.01)
-
-
-def test_what_is_left_and_what_is_new_make_up_the_same_spread() -> None:
-    one, distance = Roughness(4.0, 2.5), np.array([0.5, 1.3, 5.0, 100.0])
-    np.testing.assert_allclose((one.correlation(distance) * one.sigma) ** 2 + one.innovation(distance) ** 2, 16.0)
-    np.testing.assert_allclose(one.correlation(distance[:2]).prod(), one.correlation(distance[:2].sum()))
-
-
-def test_a_foot_that_stands_on_one_spot_learns_nothing_new() -> None:
-    one = Roughness(6.0, 1.0)
-    new = one.innovation(np.array([0.0, 1.3]))
-    assert 0.0 < new[0] < 0.02 * one.sigma
-    assert new[1] > 0.9 * one.sigma
-    assert one.correlation(np.zeros(1)) == 1.0
 
 
 def test_the_changes_of_a_potential_keep_their_variance_where_a_share_of_it_is_lost() -> None:
@@ -174,8 +131,3 @@ def test_a_deviation_along_the_field_hardly_hangs_on_the_heading() -> None:
     np.testing.assert_allclose(along, same, atol=0.07)
     expected = field[:, :2] @ reference[0] / np.hypot(6.0, 19.0)
     np.testing.assert_allclose(along, expected - np.median(expected))
-
-
-def test_the_robust_spread_is_that_of_a_normal_distribution() -> None:
-    rng = np.random.default_rng(1)
-    assert robust_sigma(3.0 * rng.standard_normal(20000)) == pytest.approx(3.0, rel=0.03)

@@ -8,9 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.factors.magnetic_field import E_H, SIZE, FieldPotential
-from fg_nav.frames import level_attitude, yaw_rotation
+from fg_nav.frames import yaw_rotation
 from fg_nav.lab.simulation.fields import magnet
-from fg_nav.smoother import field_factors
 from fg_nav.smoother.field_factors import PATH_SIGMA_UT_M, FieldPath, integrate_path
 
 EARTH = np.array([3.0, 20.0, -43.0])
@@ -127,17 +126,6 @@ def test_hard_iron_adds_its_part_along_the_way() -> None:
     assert np.abs(of_iron).min() > 0.1
 
 
-def test_a_magnet_leaves_the_difference_of_its_potential() -> None:
-    trodden, at = round_a_circle(400.0), np.array([2.0, 1.6, -0.2])
-    way = along(trodden, trodden.mag(EARTH + magnet(at, MOMENT).at(trodden.position)))
-    r = trodden.position[trodden.footfall] - at
-    phi = 0.1 * r @ MOMENT / np.linalg.norm(r, axis=1) ** 3  # mu_0 / 4 pi, in uT m
-    of_magnet = way.u - moves(trodden)[:, :2] @ EARTH[:2]
-    np.testing.assert_allclose(of_magnet, -np.diff(phi), atol=2e-3)
-    assert np.abs(of_magnet).max() > 0.3
-    assert abs(of_magnet.sum()) < 1e-3  # once round, back to where it began
-
-
 def test_rows_without_a_sample_are_passed_over() -> None:
     trodden = round_a_circle()
     field = EARTH + magnet(np.array([2.9, 0.6, -0.6]), MOMENT).at(trodden.position)
@@ -150,14 +138,6 @@ def test_rows_without_a_sample_are_passed_over() -> None:
     np.testing.assert_allclose(found.level_path, whole.level_path, atol=2e-3)
     assert np.isfinite(found.sigma_uT_m).all()
     assert np.abs(false.u - whole.u).max() > 0.2  # were they held
-
-
-def test_iron_adds_the_same_to_slow_samples() -> None:
-    trodden, iron = round_a_circle(), np.array([0.0, 0.0, 15.0])
-    slow = np.where((np.arange(len(trodden.t)) % 8 == 0)[:, None], trodden.mag(EARTH, iron), np.nan)
-    without = np.where(np.isfinite(slow), trodden.mag(EARTH), np.nan)
-    way = along(trodden, slow)
-    np.testing.assert_allclose(way.u - along(trodden, without).u, way.level_path @ way.level_R_body @ iron, atol=1e-9)
 
 
 def strides_unseen(trodden: Trodden, start: float, stop: float) -> Ints:
@@ -184,25 +164,6 @@ def test_a_stride_whose_swing_was_not_seen_measured_nothing(start: float, stop: 
     assert strides_unseen(round_a_circle(), start, stop).tolist() == unseen
 
 
-def test_a_move_may_be_no_coarser_than_the_steel_is_near(monkeypatch: pytest.MonkeyPatch) -> None:
-    trodden = round_a_circle()
-    mag = trodden.mag(EARTH)
-    mag[trodden.t % STRIDE_S > STANDS * STRIDE_S] = np.nan
-    mag[trodden.footfall] = trodden.mag(EARTH)[trodden.footfall]
-    assert np.isinf(along(trodden, mag).sigma_uT_m).all()
-    monkeypatch.setattr(field_factors, "COARSEST_M", 1.5)
-    assert np.isfinite(along(trodden, mag).sigma_uT_m).all()
-
-
-def test_axes_of_the_stance_are_upright_and_right_handed() -> None:
-    trodden = round_a_circle()
-    way = along(trodden, trodden.mag(EARTH))
-    np.testing.assert_allclose(way.level_R_body @ way.level_R_body.T, np.eye(3), atol=1e-12)
-    assert np.linalg.det(way.level_R_body) == pytest.approx(1.0)
-    for R in trodden.nav_R_body[trodden.footfall]:
-        np.testing.assert_allclose(way.level_R_body @ R.T @ [0.0, 0.0, 1.0], [0.0, 0.0, 1.0], atol=1e-9)
-
-
 @pytest.mark.parametrize("tilt_deg", [0.0, 10.0, -40.0, 80.0])
 @pytest.mark.parametrize("roll_deg", [0.0, 3.0])
 def test_forward_is_the_body_s_x_axis_as_far_as_it_is_level(tilt_deg: float, roll_deg: float) -> None:
@@ -214,26 +175,3 @@ def test_forward_is_the_body_s_x_axis_as_far_as_it_is_level(tilt_deg: float, rol
     np.testing.assert_allclose(R @ forward, level_x / np.linalg.norm(level_x), atol=1e-9)
     np.testing.assert_allclose(R @ left, np.cross([0.0, 0.0, 1.0], R @ forward), atol=1e-9)
     np.testing.assert_allclose(R @ up, [0.0, 0.0, 1.0], atol=1e-9)
-
-
-def test_an_x_axis_that_points_up_leaves_axes_all_the_same() -> None:
-    mount = level_attitude(np.array([1.0, 0.0, 0.0]))
-    trodden = round_a_circle(mount=mount)
-    level = along(trodden, trodden.mag(EARTH)).level_R_body
-    np.testing.assert_allclose(level @ level.T, np.eye(3), atol=1e-9)
-    np.testing.assert_allclose(level[2], [1.0, 0.0, 0.0], atol=1e-6)
-
-
-def test_standing_on_one_spot_moves_nothing() -> None:
-    n = 300
-    trodden = Trodden(np.arange(n) / 100.0, np.zeros((n, 3)), np.tile(MOUNT, (n, 1, 1)), np.array([10, 100, 290]))
-    way = along(trodden, trodden.mag(EARTH))
-    np.testing.assert_array_equal(way.u, 0.0)
-    np.testing.assert_array_equal(way.level_path, 0.0)
-    assert np.isfinite(way.sigma_uT_m).all()
-
-
-def test_one_footfall_has_no_stride() -> None:
-    trodden = replace(round_a_circle(), footfall=np.array([5]))
-    way = along(trodden, trodden.mag(EARTH))
-    assert len(way.u) == len(way.level_path) == len(way.sigma_uT_m) == len(way.distance_m) == 0

@@ -4,10 +4,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
-import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import V, X
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
@@ -15,10 +13,8 @@ from fg_nav.frames import yaw_rotation
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.recording import Recording
 from fg_nav.smoother import constraints, smooth
-from fg_nav.smoother.constraints import FIX_SPEED_M_S, add_fixes, pin_to_times
-from fg_nav.smoother.graph import GAUGE_SIGMA, StartPrior
+from fg_nav.smoother.constraints import FIX_SPEED_M_S, pin_to_times
 from fg_nav.smoother.parameters import WalkParameters
-from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.strides import place_nodes
 from fg_nav.solution import Solution
 from fg_nav.truth import Fix
@@ -104,12 +100,6 @@ def test_a_fix_at_the_start_leaves_the_heading_as_it_is_by_definition() -> None:
         assert np.linalg.norm(found.stances.position[-1, :2]) < 0.1
 
 
-def test_a_vague_fix_does_not_touch_what_was_given() -> None:
-    vague = [replace(fix, horizontal_sigma_m=200.0) for fix in fixes_at([20], TURN_DEG)]
-    found = with_fixes(vague, heading=0.0)
-    assert np.abs(found.position - inertial().position).max() < 0.02
-
-
 def test_a_planar_fix_says_nothing_of_the_height() -> None:
     wrong = [replace(fix, position=fix.position + np.array([0.0, 0.0, 50.0])) for fix in fixes_at([20])]
     planar, spatial = (with_fixes(fixes, 0.0) for fixes in (wrong, fixes_at([20], vertical=0.01)))
@@ -117,21 +107,6 @@ def test_a_planar_fix_says_nothing_of_the_height() -> None:
     assert np.abs((planar.position - inertial().position)[:, 2]).max() < 0.05
     assert planar.stances.position_cov[20, 2, 2] > 0.9 * free
     assert spatial.stances.position_cov[20, 2, 2] < 1.01e-4
-
-
-@pytest.mark.parametrize("given", [True, False], ids=["given", "not given"])
-def test_field_and_fixes_agree_on_north(given: bool) -> None:
-    """The field points to the truth's north, and fixes are in the truth's frame: 0.2 m at 25 m were half a degree."""
-    walk, table = with_field(demo().recording), inertial().stances
-    truth = walk.truth
-    field = average_footfall_field(walk, demo().stances)
-    place = truth.position - truth.position[table.sample[0]]
-    x_axis = truth.nav_R_body[table.sample[0]][:, 0]
-    heading = float(np.arctan2(x_axis[0], x_axis[1])) if given else None
-    fixes = [Fix(float(table.t[k]), place[table.sample[k]], 0.02) for k in (20, 30)]
-    found = smooth(walk, demo().stances, DEFAULT, heading, field=field, fixes=fixes)
-    assert np.linalg.norm((found.stances.position - place[table.sample])[:, :2], axis=1).max() < 0.2
-    assert any("field over ground 20" in note for note in found.notes)
 
 
 def test_where_fixes_show_north_the_direction_of_the_field_is_found() -> None:
@@ -151,16 +126,6 @@ def test_where_fixes_show_north_the_direction_of_the_field_is_found() -> None:
     assert float(note.split(",")[1].split()[0]) == pytest.approx(-west_deg, abs=0.6)
 
 
-def test_constraints_hold_in_the_solution_with_the_field_too() -> None:
-    walk = with_field(demo().recording)
-    field = average_footfall_field(walk, demo().stances)
-    p, q = (replace(DEFAULT, walk=WalkParameters(floors=tied)) for tied in (False, True))
-    free, tied = (smooth(walk, demo().stances, some, None, field=field) for some in (p, q))
-    assert np.ptp(tied.stances.position[:, 2]) < min(0.02, 0.5 * np.ptp(free.stances.position[:, 2]))
-    assert tied.stances.position_cov[-1, 2, 2] < 0.2 * free.stances.position_cov[-1, 2, 2]
-    assert np.linalg.norm((tied.position - free.position)[:, :2], axis=1).max() < 0.3
-
-
 def test_sigma_grows_by_walking_pace_between_fix_and_node() -> None:
     nodes = place_nodes(demo().recording, demo().stances, DEFAULT)
     t = demo().recording.t
@@ -169,49 +134,6 @@ def test_sigma_grows_by_walking_pace_between_fix_and_node() -> None:
     pinned = pin_to_times([at, later], t[nodes.sample])
     assert list(pinned.node) == [node, node]
     np.testing.assert_allclose(pinned.horizontal, [0.1, np.hypot(0.1, 0.05 * FIX_SPEED_M_S)])
-
-
-def test_best_turn_is_that_of_the_fixes() -> None:
-    nodes = place_nodes(demo().recording, demo().stances, DEFAULT)
-    rng, t = np.random.default_rng(0), demo().recording.t
-    walked, values = rng.normal(0, 20, (len(nodes), 3)), gtsam.Values()
-    for j, p in enumerate(walked):
-        values.insert(X(j), gtsam.Pose3(gtsam.Rot3(), p))
-    turn = yaw_rotation(2.0)
-    fixes = [Fix(float(t[nodes.sample[j]]), turn @ walked[j], sigma) for j, sigma in ((10, 0.1), (40, 3.0))]
-    np.testing.assert_allclose(yaw_rotation(pin_to_times(fixes, t[nodes.sample]).best_turn(values)), turn, atol=1e-9)
-
-
-def test_a_walk_is_turned_as_a_whole_about_its_start() -> None:
-    """Before it is solved with its fixes: positions, attitudes and velocities."""
-    nodes = place_nodes(demo().recording, demo().stances, DEFAULT)
-    rng, t, turn = np.random.default_rng(1), demo().recording.t, yaw_rotation(2.0)
-    values, expected = gtsam.Values(), []
-    for j in range(len(nodes)):
-        pose, velocity = gtsam.Pose3(gtsam.Rot3.RzRyRx(*rng.normal(size=3)), rng.normal(0, 20, 3)), rng.normal(size=3)
-        values.insert(X(j), pose)
-        values.insert(V(j), velocity)
-        expected.append((turn @ pose.rotation().matrix(), turn @ pose.translation(), turn @ velocity))
-    fix = Fix(float(t[nodes.sample[10]]), expected[10][1], 0.1)
-    free = walk_problem(demo().recording, demo().stances, None, replace(DEFAULT, choose_swing_noise=False))
-    free = replace(free, start=StartPrior(np.eye(3), GAUGE_SIGMA))
-    turned = add_fixes(free, values, [fix])
-    assert turned.heading_known
-    np.testing.assert_allclose(turned.start.nav_R_body, turn, atol=1e-9)
-    for j, (attitude, place, velocity) in enumerate(expected):
-        np.testing.assert_allclose(values.atPose3(X(j)).rotation().matrix(), attitude, atol=1e-9)
-        np.testing.assert_allclose(values.atPose3(X(j)).translation(), place, atol=1e-9)
-        np.testing.assert_allclose(values.atVector(V(j)), velocity, atol=1e-9)
-
-
-def test_sigma_of_the_heading_is_that_of_a_lever() -> None:
-    nodes = place_nodes(demo().recording, demo().stances, DEFAULT)
-    t = demo().recording.t
-    at = float(t[nodes.sample[30]])
-    one = Fix(at, np.array([3.0, 4.0, 9.0]), 0.5)
-    assert pin_to_times([one], t[nodes.sample]).heading_sigma == pytest.approx(0.1)
-    assert pin_to_times([one] * 4, t[nodes.sample]).heading_sigma == pytest.approx(0.05)
-    assert pin_to_times([], t[nodes.sample]).heading_sigma == np.inf
 
 
 def refused(fix: Fix) -> str:

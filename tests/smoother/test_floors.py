@@ -66,27 +66,6 @@ def test_a_ramp_is_no_floor_and_the_floors_at_its_ends_are_two(slope: float, dri
     assert (floor[110:130] == -1).all()
 
 
-@pytest.mark.parametrize("slope", [0.02, 0.05, -0.1])
-def test_a_slope_straight_ahead_is_not_made_level(slope: float) -> None:
-    assert (floors_of((60, 0.3, slope * STRIDE_M)) == -1).all()
-
-
-@pytest.mark.parametrize("slope", [0.0, 0.004, 0.01])
-def test_a_gentle_slope_is_known_by_the_way_back_and_straight_ahead_is_left_free(slope: float) -> None:
-    """Straight ahead it is not told from the sole; but across a room it makes no difference."""
-    climb = slope * STRIDE_M
-    assert np.mean(floors_of((80, 0.0, climb), (80, np.pi, -climb)) == 0) == pytest.approx(float(slope == 0.0), abs=0.2)
-    assert (floors_of((80, 0.0, climb)) == -1).all()
-    assert (floors_of((6, 0.0, 0.0), (6, 2.0, 0.0)) == 0).all()
-
-
-def test_a_helix_is_no_floor() -> None:
-    """A ramp of 10 % round and round climbs as no sensor does; one of 2 % as an MTi-1 does on the level."""
-    helix = {slope: floors_of(*((5, 0.6 * k, slope * STRIDE_M) for k in range(24))) for slope in (0.02, 0.1)}
-    assert (helix[0.1] == -1).all()
-    assert (helix[0.02] == 0).all()
-
-
 RISE = np.full(9, 0.34)
 
 
@@ -98,16 +77,6 @@ def test_storeys_are_recognized_by_the_stairs_between_them(drift: float) -> None
     for first, last, number in visits:
         assert (floor[first:last] == number).all()
     assert (floor[42:48] == -1).all()
-
-
-@pytest.mark.parametrize("rise_m", [0.1, 0.15, -0.17])
-def test_a_kerb_separates_two_floors(rise_m: float) -> None:
-    floor = floors_of(
-        (20, 0.0, 0.0), (1, 0.0, rise_m), (20, 0.0, 0.0), (20, np.pi, 0.0), (1, np.pi, -rise_m), (20, np.pi, 0.0)
-    )
-    assert (floor[:20] == 0).all()
-    assert (floor[22:60] == 1).all()
-    assert (floor[63:] == 0).all()
 
 
 @pytest.mark.parametrize(("higher_m", "number"), [(0.0, 0), (0.6, 1), (-0.6, 1)])
@@ -127,13 +96,6 @@ def test_pieces_of_a_standing_are_no_strides_and_do_not_hide_a_floor() -> None:
     t, footfall = 0.01 * np.arange(110 * len(piece)), 110 * np.arange(len(piece))
     assert (find_floors(t[footfall], position[piece], SETTLING_M)[0] == 0).all()
     assert (find_floors_of_pieces(t, footfall, position[piece], stepped, SETTLING_M)[0] == 0).all()
-
-
-def test_walks_of_a_few_footfalls_and_of_standing_are_on_no_floor_or_one() -> None:
-    assert find_floors(np.zeros(0), np.zeros((0, 3)), SETTLING_M)[0].shape == (0,)
-    assert (floors_of((2, 0.0, 0.0)) == -1).all()
-    still = find_floors(np.arange(20.0), np.zeros((20, 3)), SETTLING_M)[0]
-    assert np.isin(still, [-1, 0]).all()
 
 
 @pytest.mark.parametrize("excess", [-0.03, 0.0, 0.012, 0.03])

@@ -87,13 +87,6 @@ def test_a_right_scale_is_left_as_it_is() -> None:
     np.testing.assert_array_equal(found.position, expected.position)
 
 
-def test_sigmas_hold_a_scale_that_the_walk_does_not_refute() -> None:
-    """Nothing is taken off, and a scale of a per cent is still possible: the gyro bias is less certain for it."""
-    counted, ignored = smoothed(False).stances, smoothed(False, corrected=False).stances
-    assert np.all(counted.gyro_bias_sigma > ignored.gyro_bias_sigma)
-    assert counted.heading_sigma[-1] > ignored.heading_sigma[-1]
-
-
 def test_a_scale_in_one_half_alone_is_left_as_it_is() -> None:
     """It is no scale, and stays in the sigmas."""
     recording, stances = in_field(earth()), demo().stances
@@ -139,43 +132,6 @@ def test_evidence_of_the_three_models_is_that_of_multivariate_normals(seed: int)
     off = means - found.scale * found.matters
     expected = sum(w * (P + np.outer(m, m)) for w, P, m in zip(weight, left, off, strict=True))
     np.testing.assert_allclose(found.second_moment, expected, atol=1e-11)
-
-
-def test_second_moment_over_walks_is_that_of_what_is_left_of_their_errors() -> None:
-    """Of errors drawn as the three models have them, equally often."""
-    rng = np.random.default_rng(0)
-    roots, moment, expected = (
-        [np.linalg.cholesky(one) for one in (*priors(), NOISE)],
-        np.zeros((3, 3)),
-        np.zeros((3, 3)),
-    )
-    for draw in range(3000):
-        errors = roots[draw % 3] @ rng.standard_normal(6)
-        found = average_shown(errors + roots[3] @ rng.standard_normal(6))
-        left = 0.5 * (errors[:3] + errors[3:]) - found.scale * found.matters
-        moment += found.second_moment
-        expected += np.outer(left, left)
-    np.testing.assert_allclose(moment, expected, atol=0.05 * np.trace(expected))
-
-
-def test_errors_that_differ_between_the_halves_are_not_taken_off() -> None:
-    one_half, both = np.append(SCALE, np.zeros(3)), np.append(SCALE, SCALE)
-    found = average_shown(one_half)
-    assert not found.matters
-    assert (np.diag(found.second_moment) > (0.8 * SCALE / 2) ** 2).all()
-    assert average_shown(both).matters
-    np.testing.assert_allclose(average_shown(both).scale, SCALE, atol=0.003)
-
-
-def test_a_small_error_is_no_scale_however_long_the_walk() -> None:
-    """Axes out of square look like a few tenths of a percent in any walk; two percent are a scale in a short one."""
-    small, large = 0.003 * np.array([1.0, -1.0, 1.0]), 0.02 * np.array([0.0, 1.0, 0.0])
-    assert not average_shown(np.tile(small, 2), 1e-8 * np.eye(6)).matters
-    assert average_shown(np.tile(large, 2), 1e-5 * np.eye(6)).matters
-
-
-def test_without_a_field_the_scale_is_left_as_it_is() -> None:
-    assert not is_noted(smoothed(True, with_field=False))
 
 
 @pytest.mark.parametrize("seed", [0, 3])

@@ -9,60 +9,9 @@ from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import Stack
 from fg_nav.recording import Recording
-from fg_nav.smoother.square_root import DIMENSION, LinearWalk, stack_factors
+from fg_nav.smoother.square_root import LinearWalk, stack_factors
 from tests.linear import marginal_covariances
-from tests.smoother.walks import Problem, Walk, demo, list_keys, minimum, part, problem, with_exact_factors
-
-
-def eliminated(one: Problem) -> tuple[gtsam.GaussianFactorGraph, gtsam.GaussianBayesTree, gtsam.Values]:
-    """Linearised graph, its tree and the point of linearisation, at the solution."""
-    values = minimum(one, 1e-6).values
-    linear = one.graph.linearize(values)
-    return linear, linear.eliminateMultifrontal(one.ordering, gtsam.EliminateQR), values
-
-
-@pytest.fixture(scope="module")
-def small() -> tuple[Problem, gtsam.GaussianFactorGraph, gtsam.GaussianBayesTree, gtsam.Values]:
-    one = with_exact_factors(part(demo(), 5))
-    return (one, *eliminated(one))
-
-
-def test_marginals_are_those_of_a_dense_inverse(small) -> None:
-    one, linear, tree, values = small
-    keys = list(values.keys())
-    found = marginal_covariances(tree, set(keys))
-    assert set(found) == set(keys)
-    jacobian, _ = linear.jacobian(one.ordering)
-    _, R = np.linalg.qr(jacobian)
-    inverse = np.linalg.solve(R, np.eye(len(R)))
-    dense = inverse @ inverse.T
-    first = 0
-    for i in range(one.ordering.size()):
-        key = one.ordering.at(i)
-        last = first + DIMENSION[key >> 56]
-        expected = dense[first:last, first:last]
-        np.testing.assert_allclose(found[key], expected, rtol=1e-6, atol=1e-8 * np.abs(expected).max())
-        first = last
-    assert first == len(dense)
-
-
-def test_marginals_are_those_of_gtsam(small) -> None:
-    one, _, tree, values = small
-    marginals = gtsam.Marginals(one.graph, values)
-    found = marginal_covariances(tree, set(values.keys()))
-    for key, covariance in found.items():
-        expected = marginals.marginalCovariance(key)
-        np.testing.assert_allclose(covariance, expected, rtol=1e-4, atol=1e-5 * np.abs(expected).max())
-
-
-def test_only_what_is_wanted_is_kept(small) -> None:
-    _, _, tree, values = small
-    wanted = {next(iter(values.keys()))}
-    found = marginal_covariances(tree, wanted)
-    assert set(found) == wanted
-    (covariance,) = found.values()
-    np.testing.assert_allclose(covariance, covariance.T)
-    assert np.linalg.eigvalsh(covariance).min() > 0
+from tests.smoother.walks import Walk, demo, list_keys, minimum, problem
 
 
 @pytest.mark.parametrize(("shape", "split"), [("chain", 3), ("star", 5), ("forest", 4)])

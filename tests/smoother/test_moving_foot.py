@@ -88,6 +88,7 @@ def test_the_length_is_off_by_what_its_sigma_says(share: float) -> None:
     assert abs(off) < 2.5 * found.distance_sigma_m / length
     without = smooth(recording, walk.stances, replace(P, moving_foot=False))
     assert abs(off) > 3.0 * without.distance_sigma_m / length
+    assert found.distance_sigma_m < np.hypot(without.distance_sigma_m, 1.1 * FORWARD_SIGMA * length)
 
 
 def test_a_straight_even_walk_does_not_show_it() -> None:

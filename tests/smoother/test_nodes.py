@@ -67,44 +67,6 @@ def test_nodes_of_a_stance_are_neither_close_nor_far(lengths: list[tuple[int, in
         assert np.all(step <= 1.5 * spacing + 2 / RATE)  # the node on the stillest sample was moved by half a step
 
 
-@settings(max_examples=60, deadline=None)
-@given(lengths=some_stances, seed=st.integers(0, 99))
-def test_nodes_asked_for_too_densely_keep_their_distance(lengths: list[tuple[int, int]], seed: int) -> None:
-    recording, stances = walk_with(lengths, seed)
-    nodes = place_nodes(recording, stances, replace(DEFAULT, node_spacing_s=0.02))
-    same = np.diff(nodes.interval) == 0
-    assert np.all(np.diff(recording.t[nodes.sample])[same] >= DEFAULT.shortest_interval_s - 1e-9)
-    np.testing.assert_array_equal(nodes.sample[nodes.result], stances.stillest(recording.gyr))
-
-
-@settings(max_examples=60, deadline=None)
-@given(length=st.integers(8, 500), seed=st.integers(0, 99))
-def test_the_ends_of_a_stance_are_nodes_but_where_the_stillest_sample_is_nearer(length: int, seed: int) -> None:
-    recording, stances = walk_with([(20, length)], seed)
-    nodes = place_nodes(recording, stances, DEFAULT)
-    stillest = stances.stillest(recording.gyr)[0]
-    others = nodes.sample[nodes.sample != stillest]
-    for end in (20, 20 + length - 1):
-        near = abs(stillest - end)
-        assert (
-            end in nodes.sample
-            or near < DEFAULT.shortest_interval_s * RATE + 1
-            or near <= np.abs(others - stillest).min()
-        )
-
-
-def test_a_stance_of_one_sample_is_one_node() -> None:
-    recording, stances = walk_with([(30, 1), (50, 1)], 0)
-    np.testing.assert_array_equal(place_nodes(recording, stances, DEFAULT).sample, stances.start)
-
-
-def test_a_fidget_in_a_footfall_has_nodes_but_no_result_of_its_own() -> None:
-    recording, stances = walk_with([(30, 100), (10, 4), (10, 100)], 3, one_footfall=True)
-    nodes = place_nodes(recording, stances, DEFAULT)
-    assert len(nodes.result) == 1
-    assert np.count_nonzero(nodes.interval == 1) == 1
-
-
 @pytest.mark.parametrize("spacing", [0.05, 0.1, 0.4])
 def test_spacing_is_what_was_asked_for(spacing: float) -> None:
     walk = demo()

@@ -2,15 +2,12 @@
 
 from dataclasses import replace
 from functools import cache
-from itertools import pairwise
 
 import gtsam
 import numpy as np
 import pytest
 
 from fg_nav.detection.rest import RollingLever
-from fg_nav.detection.stance import Stances
-from fg_nav.recording import Recording
 from fg_nav.smoother import problem as problem_module
 from fg_nav.smoother.graph import Known
 from fg_nav.smoother.problem import LEVELS, average_level, choose_swing_noise, measure_evidence
@@ -49,23 +46,11 @@ def test_follows_the_noise_of_the_swing(seed: int) -> None:
     assert chosen(noisy(0.0, seed)) == pytest.approx(LEVELS[-1], rel=0.1)
 
 
-def test_a_part_that_is_noisier_is_not_outvoted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(problem_module, "PIECE_STRIDES", 15)
-    assert chosen(noisy(6e-3, share=0.7)) >= 3e-3
-
-
 def test_a_piece_that_is_noisier_than_all_together_counts() -> None:
     agreed = [0.0, 30.0, 60.0, 90.0]
     assert average_level(LEVELS, np.array([agreed[::-1], agreed[::-1]])) == pytest.approx(LEVELS[-1])
     found = average_level(LEVELS, np.array([agreed[::-1], [90.0, 0.0, 10.0, 40.0], agreed[::-1]]))
     assert found == pytest.approx(LEVELS[1], rel=1e-3)
-
-
-def test_levels_weigh_by_their_evidence() -> None:
-    odds = np.array([0.0, 0.2, 0.5, 0.3])
-    expected = np.sqrt(odds @ np.square(LEVELS))
-    with np.errstate(divide="ignore"):
-        assert average_level(LEVELS, -np.log(odds)[None]) == pytest.approx(expected)
 
 
 def test_evidence_is_that_of_the_gaussian() -> None:
@@ -101,24 +86,3 @@ def test_a_walk_too_short_keeps_its_level_and_says_so() -> None:
     level, note = choose_swing_noise(*measure_evidence(walk.recording, walk.stances, KNOWN, DEFAULT), DEFAULT)
     assert level == DEFAULT.gyr_relative_density
     assert "too few strides" in note
-
-
-def test_pieces_are_apart_and_no_longer_than_they_may() -> None:
-    """500 strides of a second with a minute's standing in the middle."""
-    per_stride = 100
-    starts = np.arange(501) * per_stride
-    starts[250:] += 60 * 100
-    stops = starts + 40
-    stops[249] = starts[250] - 60
-    stances = Stances(starts, stops, np.arange(501), n_samples=int(stops[-1]))
-    t = np.arange(stances.n_samples) / 100.0
-    recording = Recording(t=t, acc=np.tile([0.0, 0.0, 9.81], (len(t), 1)), gyr=np.zeros((len(t), 3)))
-    pieces = list(problem_module._pieces(recording, stances))
-    assert len(pieces) == problem_module.PIECES
-    for (before, _), (after, _) in pairwise(pieces):
-        assert before.t[-1] < after.t[0]
-    for cut, its in pieces:
-        assert 8 < its.n_footfalls <= problem_module.PIECE_STRIDES + 1
-        assert cut.t[-1] - cut.t[0] <= problem_module.MAX_PIECE_S + problem_module.STANDING_S + 0.1
-        assert its.n_samples == len(cut)
-        np.testing.assert_array_equal(its.start[1:] - its.start[:-1] >= per_stride, True)

@@ -1,13 +1,11 @@
 """What is solved in batch is what iSAM2 is given, and nothing stands in `fg_nav.factors` that no estimator uses."""
 
-import ast
 from dataclasses import replace
 
 import gtsam
 import numpy as np
 import pytest
 
-from fg_nav import factors
 from fg_nav.arrays import Floats
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.smoother.field import integrate_field, solve_with_field
@@ -16,33 +14,8 @@ from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.problem import walk_problem
 from tests.linear import linear_factors
 from tests.smoother.walks import DEFAULT, demo, part, time_order, track_of
-from tests.test_laws import LIBRARY, module_name
 
 FOOTFALLS = 9
-ESTIMATORS = ("fg_nav.smoother", "fg_nav.online", "fg_nav.pocket")
-
-
-def names_in(tree: ast.AST) -> set[str]:
-    return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
-
-
-def test_every_factor_that_is_exported_is_used_by_an_estimator() -> None:
-    """By name, or by what an estimator uses of the package."""
-    trees = {path: ast.parse(path.read_text()) for path in LIBRARY}
-    of_estimators = [tree for path, tree in trees.items() if module_name(path).startswith(ESTIMATORS)]
-    defined = {
-        node.name: names_in(node)
-        for path, tree in trees.items()
-        if module_name(path).startswith("fg_nav.factors")
-        for node in tree.body
-        if isinstance(node, ast.ClassDef | ast.FunctionDef)
-    }
-    used: set[str] = set()
-    found = set().union(*map(names_in, of_estimators)) & defined.keys()
-    while found - used:
-        used |= found
-        found = set().union(*(defined[name] for name in used)) & defined.keys()
-    assert set(factors.__all__) <= used
 
 
 def solved_with_field(heading: float | None, p_field: dict[str, object]) -> WalkProblem:

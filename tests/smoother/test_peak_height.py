@@ -32,17 +32,6 @@ def stances(clipped) -> Stances:
     return detect_stances(clipped)
 
 
-def test_raised_peaks_are_those_times_the_factor_and_nothing_else_changes(clipped):
-    raised = clipped.raise_peaks(1.5)
-    before, after = clipped.peaks[1], raised.peaks[1]
-    np.testing.assert_allclose(after.whole - clipped.gyr, 1.5 * (before.whole - clipped.gyr), atol=1e-12)
-    np.testing.assert_array_equal(after.sigma, before.sigma)
-    np.testing.assert_array_equal(raised.gyr, clipped.gyr)
-    far = np.convolve(before.run.any(axis=1), np.ones(5), "same") == 0
-    np.testing.assert_array_equal(raised.integrable[1][far], clipped.integrable[1][far])
-    np.testing.assert_array_equal(raised.slice(300, 900).peaks[1].whole, after.whole[300:900])
-
-
 def test_the_height_of_a_run_is_nearer_to_the_truth_than_its_flanks_say(run, clipped, stances):
     """These feet turn by half as much again above the range as a parabola on the flanks does."""
     found = walk_problem(clipped, stances, 0.0, SmootherParameters())

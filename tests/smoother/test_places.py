@@ -21,18 +21,14 @@ from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, building, smooth_graph
 from fg_nav.smoother.batch import SmoothedWalk
 from fg_nav.smoother.building import (
-    PathUncertainty,
-    are_alike,
     keep_common,
     make_place_factors,
-    mark_returns,
     measure_uncertainty,
 )
 from fg_nav.smoother.field_factors import FieldFactors
 from fg_nav.smoother.graph import order_variables
 from fg_nav.smoother.parameters import FieldParameters, WalkParameters
 from fg_nav.smoother.solver import CONVERGENCE, find_minimum, list_in_time
-from fg_nav.solution import Return
 from fg_nav.truth import TrajectoryTruth
 
 LAPS = """
@@ -130,42 +126,6 @@ def test_uncertainty_is_that_of_the_whole_graph() -> None:
     assert found.height[0, -1] == pytest.approx(expected[2, 2], rel=0.05)
 
 
-def test_an_anchor_between_two_places_hides_nothing_of_the_way_to_it() -> None:
-    """Of a path whose variance grows by 1 m^2 in 100 m, with an anchor at each end."""
-    walked = np.arange(0.0, 1001.0, 10.0)
-    variance = np.abs(walked - np.array([[0.0], [1000.0]])) / 100.0
-    found = PathUncertainty(walked, walked[[0, -1]], variance, variance, variance)
-    first = np.array([100.0, 400.0, 600.0, 900.0])
-    assert (found.position_m(first, np.full(4, 1000.0)) >= np.hypot(np.sqrt((1000.0 - first) / 100.0), 1.0)).all()
-
-
-def test_the_surest_return_marks_a_footfall() -> None:
-    table = solved(1, False).solution.stances
-    t, none = table.t, np.zeros((2, 3))
-    ends = [np.array([t[10], t[20]]), np.array([t[0], t[10]]), np.array([t[4], t[14]])]
-    sure, other = (
-        Return(ends[0], before, False, score, 1e-9, 10.0, none, none)
-        for before, score in zip(ends[1:], (9.0, 8.0), strict=True)
-    )
-    marked = mark_returns(table, [sure, other])
-    assert marked.same_place is not None
-    assert marked.place_score is not None
-    assert marked.same_place[15] == 5
-    assert marked.place_score[15] == 9.0
-    assert marked.same_place[9] == -1
-    assert marked.place_score[9] == 0.0
-
-
-def test_rounds_are_alike_where_their_stretches_end_alike() -> None:
-    later = np.arange(100.0, 200.0)
-    one = Stretch(later, later - 90.0, False, 50.0, 1e-9)
-    near, far = (replace(one, earlier=one.earlier + shift) for shift in (3.0, 6.0))
-    assert are_alike((one,), (near,))
-    assert not are_alike((one,), (far,))
-    assert not are_alike((one,), (one, near))
-    assert not are_alike((one,), (replace(one, opposite=True),))
-
-
 def test_what_two_rounds_have_in_common_is_kept() -> None:
     later = np.arange(100.0, 200.0)
     one = Stretch(later, later - 90.0, False, 50.0, 1e-9)
@@ -208,24 +168,3 @@ def test_laps_of_hours_are_tied_cell_by_cell() -> None:
     assert len(ties) > 200
     assert len(np.unique(ties[:, 1])) <= 5
     assert (ties[:, 0] > ties[:, 1]).all()
-
-
-def test_a_turn_within_a_cell_ties_nothing() -> None:
-    points = np.arange(80, dtype=float)
-    place = np.column_stack([20.0 - np.abs(0.5 * points - 20.0), 0.0 * points, 0.0 * points])
-    path = Signature(0.5 * points, 0.4 * points, place, 0.0 * points, place, points >= 0.0)
-    back = Stretch(points[45:51], points[35:29:-1], True, 9.0, 1e-9)
-    foot = np.array([0, 30])
-    poses = path.t[foot], place[foot], np.tile(np.eye(3), (2, 1, 1))
-    assert len(make_place_factors(path, [back], *poses, np.arange(2))) == 0
-
-
-def test_a_walk_that_is_too_long_is_not_compared_with_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(building, "MAX_M", 70.0)
-    walk = solved(2, False).walk
-    problem = replace(walk.problem, parameters=WITH)
-    same, minimum, returns, notes = building.tie_places(problem, walk.solved)
-    assert same is problem
-    assert minimum is walk.solved
-    assert returns == ()
-    assert notes == ("no places are looked for on a walk of more than 0 km",)

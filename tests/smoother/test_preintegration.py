@@ -1,7 +1,6 @@
 """Inertial measurements between nodes: the same strapdown as everywhere, with the noise that the motion calls for."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import gtsam
 import numpy as np
@@ -79,15 +78,6 @@ def test_covariance_is_that_of_integrated_white_noise(rate_hz: float) -> None:
     np.testing.assert_allclose(position[:2], acc**2 * T**3 / 3 + tilted**2 * T**5 / 20, rtol=2e-2)
 
 
-def test_noise_scales_with_its_density(recording: Recording) -> None:
-    quiet = replace(QUIET, gyr_density_deg_s=0.015)  # so that the tilt does not add to the velocity
-    one, other = (measurements(recording, [600, 700], replace(quiet, acc_density=d))[0] for d in (0.005, 0.015))
-    twice = measurements(recording, [600, 700], replace(quiet, gyr_density_deg_s=2 * quiet.gyr_density_deg_s))[0]
-    np.testing.assert_allclose(variances(other)[0], variances(one)[0])
-    assert variances(other)[2].sum() / variances(one)[2].sum() == pytest.approx(9.0, rel=0.02)
-    np.testing.assert_allclose(variances(twice)[0], 4 * variances(one)[0], rtol=1e-9)
-
-
 def test_noise_of_an_interval_is_the_mean_over_its_samples(recording: Recording) -> None:
     """Of a level, straight push: the velocity's variance is the sum of the samples' s^2 h."""
     base, n = still(), 400
@@ -100,14 +90,6 @@ def test_noise_of_an_interval_is_the_mean_over_its_samples(recording: Recording)
     off = np.linalg.norm(shaken.acc[:n], axis=1) - gravity
     expected = np.sum(p.acc_density**2 + (0.02 * off) ** 2) * h
     np.testing.assert_allclose(variances(found)[2], expected, rtol=1e-6)
-
-
-def test_noise_grows_with_the_rate() -> None:
-    base = still()
-    turning = replace(base, gyr=np.tile([0.0, 0.0, 6.0], (401, 1)))
-    p = replace(QUIET, gyr_relative_density=0.002)
-    expected = 2.0 * (np.radians(p.gyr_density_deg_s) ** 2 + (0.002 * 6.0) ** 2)
-    np.testing.assert_allclose(variances(measurements(turning, [0, 400], p)[0])[0], expected, rtol=1e-2)
 
 
 def clipped(axis: int) -> Recording:
@@ -136,13 +118,6 @@ def test_a_saturated_axis_is_doubted_and_no_other(axis: int) -> None:
     assert added[axis, axis] == pytest.approx(hidden, rel=1e-6)
     others = [k for k in range(3) if k != axis]
     np.testing.assert_allclose(added[np.ix_(others, others)], 0.0, atol=1e-8 * hidden)
-
-
-def test_a_saturated_peak_does_not_spoil_the_stride_after() -> None:
-    p = QUIET
-    first, second = measurements(clipped(1), [0, 250, 400], p)
-    assert variances(first)[0, 1] > 100 * variances(second)[0, 1]
-    np.testing.assert_allclose(variances(second)[0], np.radians(p.gyr_density_deg_s) ** 2 * 0.75, rtol=1e-2)
 
 
 def pushed(when: slice, size: float) -> Recording:
@@ -187,28 +162,6 @@ def test_an_interval_with_a_gap_is_doubted_and_no_other() -> None:
     assert variances(with_gap)[0, 1] > 100 * variances(usual[1])[0, 1]
     for found, expected in ((before, usual[0]), (after, usual[2])):
         np.testing.assert_allclose(variances(found)[0], variances(expected)[0], rtol=1e-6)
-
-
-def test_what_nobody_saw_for_long_adds_up_within_the_gap() -> None:
-    """A force unknown for T moves the end of the gap by its share of T^2 / sqrt(3), as noise does; so does a tilt."""
-    base = still()
-    T, held = 0.25, 0.25 + base.period_s
-    holed = replace(base, t=base.t + T * (np.arange(401) > 200))
-    found, usual = (variances(measurements(one, [200, 202], QUIET)[0]) for one in (holed, base))
-    acc, gyr = (sigma[0, 0] * T for sigma in (holed.gaps.acc_sigma, holed.gaps.gyr_sigma))
-    added = found - usual
-    np.testing.assert_allclose(added[0], gyr**2, rtol=0.02)
-    np.testing.assert_allclose(added[2], acc**2 + (GRAVITY_M_S2 * gyr * held) ** 2 / 3 * np.array([1, 1, 0]), rtol=0.05)
-    tilted = (GRAVITY_M_S2 * gyr * held**2) ** 2 / 20 * np.array([1, 1, 0])
-    np.testing.assert_allclose(added[1], acc**2 * held**2 / 3 + tilted, rtol=0.08)
-
-
-def test_progress_is_told(recording: Recording) -> None:
-    told: list[float] = []
-    sample = np.arange(0, len(recording) - 1, 50)
-    assert len(list(preintegrate(recording, sample, NO_BIAS, DEFAULT, told.append))) == len(sample) - 1
-    assert len(told) > 2
-    assert all(0 <= a < b <= 1 for a, b in pairwise(told))
 
 
 def test_few_samples_stand_for_many(recording: Recording, monkeypatch: pytest.MonkeyPatch) -> None:

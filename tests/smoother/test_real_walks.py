@@ -48,12 +48,3 @@ def test_a_loop_closes() -> None:
     metrics = evaluate(smoothed(openshoe(7)))
     assert metrics.closure_percent < 1.0
     assert 70 < metrics.distance_m < 85
-
-
-def test_no_jump_in_a_real_walk() -> None:
-    walk = gdin(36)
-    found = smoothed(walk)
-    h = np.diff(walk.recording.t)[:, None]
-    missing = np.diff(found.position, axis=0) / h - 0.5 * (found.velocity[1:] + found.velocity[:-1])
-    assert np.linalg.norm(missing, axis=1).max() < 0.1
-    assert np.linalg.norm(found.velocity, axis=1).max() < 8.0

@@ -13,13 +13,11 @@ from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import (
     MIN_STATISTIC,
-    _group_ties,
     compute_stance_statistics,
     walk_problem,
     weaken_refused_stances,
 )
 from tests.simulated import SimulatedFoot, straight_walk
-from tests.smoother.walks import time_order
 
 FIXED = SmootherParameters(choose_swing_noise=False, choose_bias_walk=False)
 
@@ -52,28 +50,6 @@ def sigma_of_footfall(problem: WalkProblem) -> Floats:
 
 
 # --- T, d and the covariances they are made of -----------------------------------------------------------------------
-
-
-def test_the_covariances_are_those_of_the_inverse(problem):
-    solved, nodes = solve(problem), problem.nodes
-    ordering = time_order(nodes)
-    hessian, _ = problem.factors().linearize(solved.linearized_at).hessian(ordering)
-    keys = [ordering.at(i) for i in range(ordering.size())]
-    size = {"x": 6, "v": 3, "b": 6, "s": 1}
-    ends = np.cumsum([0] + [size[chr(key >> 56)] for key in keys])
-    column = {key: np.arange(a, b) for key, a, b in zip(keys, ends[:-1], ends[1:], strict=True)}
-    whole = np.linalg.inv(hessian)
-    # The forms of random sums over the variables of each footfall.
-    rng, root = np.random.default_rng(0), solved.root
-    products = rng.standard_normal((len(nodes), 10, 3)) * np.repeat([1.0, 1e-3], [9, 1])[:, None]
-    forms = root.quadratic_forms(_group_ties(root, problem.velocities, nodes, products))
-    for footfall, found in enumerate(forms):
-        G = np.zeros((len(whole), 3))
-        for j in range(nodes.first[footfall], nodes.first[footfall + 1]):
-            at = np.concatenate([column[key] for key in problem.velocities.keys[j]])
-            G[at] += products[j]
-        np.testing.assert_allclose(found, G.T @ whole @ G, rtol=1e-4)
-    assert len(forms) == len(nodes.result)
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.1])
@@ -125,12 +101,6 @@ def test_mid_swings_that_are_called_stances_are_refused_and_no_other(walk, stanc
     assert set(np.flatnonzero(sigma > 0.15)) == set(wrong)
     assert (sigma[wrong] > 1.0).all()
     assert f"{len(swings)} stance" in refused.known.notes[-1]
-
-
-def test_a_walk_in_progress_is_handed_the_weakened_ties(walk, stances):
-    refused = walk_problem(walk.recording, with_false(walk, stances, [5]), 0.0, FIXED)
-    in_batch = refused.system.error(refused.values)
-    assert refused.factors().error(refused.values) == pytest.approx(in_batch, rel=1e-6)
 
 
 def test_the_path_and_its_sigmas_are_those_of_the_walk_without_them(walk, stances):

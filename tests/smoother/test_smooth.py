@@ -6,25 +6,26 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
 from fg_nav.detection import detect_stances
 from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError
 from fg_nav.evaluation import evaluate
-from fg_nav.frames import GRAVITY_M_S2, compute_heading, wrap_angle, yaw_rotation
+from fg_nav.frames import GRAVITY_M_S2, yaw_rotation
 from fg_nav.lab.consistency import Consistency, compute_stance_nees
 from fg_nav.lab.simulation import simulate
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.parameters import PLAIN
 from fg_nav.smoother.problem import LEVELS
-from fg_nav.smoother.strides import place_nodes
 from fg_nav.solution import Solution
 from fg_nav.truth import Fix
 from tests.simulated import INDUSTRIAL, LEVER, QUIET, RIGID, corridor, every_gait
-from tests.smoother.walks import DEFAULT, FREE, Walk, degrees_between, demo, noise_free, part
+from tests.smoother.walks import DEFAULT, FREE, Walk, degrees_between, demo, noise_free
 
 SEEDS = range(8)
+SURELY = chi2.ppf(0.95, 3)  # NEES of a position that 95 % are below.
 
 MATCHED = replace(
     FREE,
@@ -69,14 +70,6 @@ def test_heading_turns_the_walk_as_a_whole(heading: float) -> None:
     assert_same_path(turned, north, turn)
     np.testing.assert_allclose(turned.nav_R_body, turn @ north.nav_R_body, atol=1e-6)
     np.testing.assert_allclose(turned.stances.gyro_bias, north.stances.gyro_bias, atol=1e-9)
-
-
-def test_heading_is_that_of_the_body_at_the_first_node() -> None:
-    walk = demo()
-    first = place_nodes(walk.recording, walk.stances, DEFAULT).sample[0]
-    turned = smooth(walk.recording, walk.stances, heading=0.7)
-    assert wrap_angle(compute_heading(turned.nav_R_body[first]) - 0.7) == pytest.approx(0.0, abs=1e-3)
-    np.testing.assert_allclose(turned.position[first], 0.0, atol=1e-3)
 
 
 def test_the_hour_does_not_matter() -> None:
@@ -155,25 +148,6 @@ def test_what_a_sole_is_worth_is_within_the_sigma_of_the_height() -> None:
         assert abs(error) / sigma > 2.0
 
 
-def test_a_height_known_on_the_way_shows_the_sole_of_the_whole_walk() -> None:
-    """Told the height at one footfall in the middle, the walk keeps it from there on."""
-    walk, sole_m = noise_free(every_gait(QUIET, sole_m=0.0045)), 0.0045
-    middle = int(walk.stances.stillest(walk.recording.gyr)[walk.stances.n_footfalls // 2])
-    truth = walk.recording.truth
-    fix = Fix(float(walk.recording.t[middle]), truth.position[middle] - truth.position[0], 100.0, 0.005)
-    free, _ = climb(sole_m, MATCHED_WALK)
-    told, sigma = climb(sole_m, MATCHED_WALK, (fix,))
-    without, _ = climb(sole_m, replace(MATCHED_WALK, settling_sigma_m=1e-6), (fix,))
-    assert abs(told) < 0.2 * min(abs(without), abs(free))
-    assert abs(told) < 3 * sigma
-
-
-def test_height_of_a_walk_is_doubtful_in_proportion_to_its_strides() -> None:
-    sigma = np.sqrt(smoothed(0, MATCHED_WALK).stances.position_cov[:, 2, 2])
-    half = len(sigma) // 2
-    assert sigma[-1] / sigma[half] == pytest.approx((len(sigma) - 1) / half, rel=0.15)
-
-
 def consistency(seed: int, p: SmootherParameters) -> Consistency:
     return compute_stance_nees(smoothed(seed, p).stances, demo(seed).recording.truth)
 
@@ -182,12 +156,7 @@ def test_sigmas_are_true_where_the_smoother_knows_the_noise() -> None:
     found = [consistency(seed, MATCHED) for seed in SEEDS]
     assert 1 / 3 < np.mean([c.median_ratio for c in found]) < 2
     assert 1 / 3 < np.mean([c.mean_ratio for c in found]) < 2
-    assert np.mean([c.coverage(0.95) for c in found]) > 0.9
-
-
-def test_sigmas_of_real_feet_are_wide_on_the_demonstration_but_not_absurd() -> None:
-    ratio = np.mean([consistency(seed, FREE).median_ratio for seed in SEEDS])
-    assert 0.02 < ratio < 1.0
+    assert np.mean([np.mean(c.nees < SURELY) for c in found]) > 0.9
 
 
 def true_gyro_bias(seed: int) -> np.ndarray:
@@ -210,7 +179,7 @@ def test_a_real_foot_is_followed_and_the_sigmas_hold(seed: int) -> None:
     metrics = evaluate(found, recording.truth)
     assert metrics.rmse_2d_m < 0.15
     assert metrics.scale == pytest.approx(1.0, abs=0.01)
-    assert compute_stance_nees(found.stances, recording.truth).coverage(0.95) > 0.9
+    assert np.mean(compute_stance_nees(found.stances, recording.truth).nees < SURELY) > 0.9
     by_gravity = np.array(walk.drawn["sensor"]["g_sensitivity"]) @ recording.acc[:800].mean(axis=0)
     z = (found.stances.gyro_bias - walk.biases.gyr[0] - by_gravity) / found.stances.gyro_bias_sigma
     assert np.abs(z).max() < 3.0
@@ -224,56 +193,6 @@ def test_a_bias_beyond_the_prior_is_found_at_rest() -> None:
     assert np.linalg.norm(found.position - smoothed().position, axis=1).max() < 0.1
     assert degrees_between(found.nav_R_body, smoothed().nav_R_body).max() < 0.2  # in the swings as well
     assert np.linalg.norm(found.velocity - smoothed().velocity, axis=1).max() < 0.02
-
-
-def test_without_a_rest_the_bias_comes_from_the_walk() -> None:
-    walk = demo()
-    first, last = walk.stances.stop[0] - 20, walk.stances.start[-1] + 20
-    s = walk.stances
-    stances = replace(
-        s,
-        start=np.clip(s.start - first, 0, None),
-        stop=np.minimum(s.stop, last) - first,
-        n_samples=last - first,
-        statistic=s.statistic[first:last],
-    )
-    found = smooth(walk.recording.slice(first, last), stances)
-    assert "there is no rest" in found.notes[0]
-    z = (found.stances.gyro_bias[-1] - true_gyro_bias(0)) / found.stances.gyro_bias_sigma[-1]
-    assert np.abs(z).max() < 3.0
-    assert evaluate(found, walk.recording.truth).rmse_2d_m < 1.0
-
-
-def test_sigmas_grow_along_the_walk() -> None:
-    stances = smoothed().stances
-    assert np.diff(stances.heading_sigma).min() > 0
-    assert np.diff(smoothed(0, FREE).stances.position_sigma[:, 2]).min() > 0
-    assert stances.position_sigma[0].max() < 0.01
-    assert np.degrees(stances.heading_sigma[0]) < 0.1
-    away = np.argmax(np.linalg.norm(stances.position, axis=1))
-    assert np.linalg.norm(stances.position_sigma[away]) > 20 * np.linalg.norm(stances.position_sigma[0])
-
-
-def test_more_noise_is_more_sigma() -> None:
-    louder = smoothed(0, replace(DEFAULT, gyr_density_deg_s=3 * DEFAULT.gyr_density_deg_s))
-    assert np.all(louder.stances.heading_sigma[1:] > smoothed().stances.heading_sigma[1:])
-
-
-def test_the_path_passes_through_its_stances() -> None:
-    found = smoothed()
-    sample = found.stances.sample
-    np.testing.assert_allclose(found.position[sample], found.stances.position, atol=1e-9)
-    np.testing.assert_allclose(found.nav_R_body[sample], found.stances.nav_R_body, atol=1e-9)
-    np.testing.assert_array_equal(sample, demo().stances.stillest(demo().recording.gyr))
-
-
-def test_there_is_no_jump_anywhere() -> None:
-    found, recording = smoothed(), demo().recording
-    period = recording.period_s
-    missing = np.diff(found.position, axis=0) / period - 0.5 * (found.velocity[1:] + found.velocity[:-1])
-    assert np.linalg.norm(missing, axis=1).max() < 0.02
-    felt = np.linalg.norm(recording.acc, axis=1).max() + GRAVITY_M_S2
-    assert np.linalg.norm(np.diff(found.velocity, axis=0), axis=1).max() / period < felt + 1.0
 
 
 def test_solution_says_how_it_was_made() -> None:
@@ -290,12 +209,6 @@ def test_solution_says_how_it_was_made() -> None:
     assert len(found.notes) >= 3
     assert len(found.stances) == demo().stances.n_footfalls
     assert set(found.stances.field) == {"none"}
-
-
-def test_progress_ends_with_all() -> None:
-    walk, told = part(demo(), 3), []
-    smooth(walk.recording, walk.stances, progress=told.append)
-    assert told[-1] == 1.0
 
 
 def test_known_lever_is_used_and_told() -> None:
