@@ -69,15 +69,14 @@ def open_pages(address: str, height_px: int, schemes: tuple[str, str]) -> Iterat
     from playwright.sync_api import sync_playwright
 
     system = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    with (
-        sync_playwright() as playwright,
-        playwright.chromium.launch(executable_path=system, args=["--no-sandbox"]) as browser,
-    ):
-        sizes = [{"width": width, "height": height_px} for width in (DESK_PX, PHONE_PX)]
-        pages = [browser.new_page(viewport=s, color_scheme=c) for s, c in zip(sizes, schemes, strict=True)]
-        for page in pages:
-            page.goto(address)
-        yield pages
+    with sync_playwright() as playwright:
+        chromium: Any = playwright.chromium  # its types are there only where playwright is
+        with chromium.launch(executable_path=system, args=["--no-sandbox"]) as browser:
+            sizes = [{"width": width, "height": height_px} for width in (DESK_PX, PHONE_PX)]
+            pages = [browser.new_page(viewport=s, color_scheme=c) for s, c in zip(sizes, schemes, strict=True)]
+            for page in pages:
+                page.goto(address)
+            yield pages
 
 
 def photograph(pages: Sequence[Any]) -> Image.Image:
