@@ -456,16 +456,19 @@ class FeetLine:
     content: StanceEstimate | Revision | PersonEstimate | FootState
 
 
-def format_feet_line(line: FeetLine) -> str:
-    """Return the line of JSON on the person, or on the state of a foot."""
-    one = line.content
-    if isinstance(one, PersonEstimate):
-        begin = {"kind": NOW, "stance": one.number, "continues": False, "t": round(one.t, 9)}
-        content = begin | _describe_pose(one.position, one.heading, one.pose_cov)
-    else:
-        assert isinstance(one, FootState)
-        content = {"kind": "foot", "t": round(one.t, 9), "state": one.state, "reason": one.reason}
-    return tag_line(_dump(content), line.foot, line.frame)
+def format_feet_line(line: FeetLine) -> Iterator[str]:
+    """Yield the lines of JSON on the person, or on the state of a foot."""
+    match line.content:
+        case Revision() as revision:
+            lines = list(format_revision(revision))
+        case PersonEstimate() as person:
+            begin = {"kind": NOW, "stance": person.number, "continues": False, "t": round(person.t, 9)}
+            lines = [_dump(begin | _describe_pose(person.position, person.heading, person.pose_cov))]
+        case FootState() as state:
+            lines = [_dump({"kind": "foot", "t": round(state.t, 9), "state": state.state, "reason": state.reason})]
+        case StanceEstimate():
+            raise AssertionError  # of one foot, whose walk formats it
+    yield from (tag_line(one, line.foot, line.frame) for one in lines)
 
 
 def tag_line(line: str, foot: Who, frame: Side) -> str:

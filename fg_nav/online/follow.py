@@ -261,8 +261,9 @@ class _Follower:
         for line in lines:
             if line.foot != "person" and isinstance(line.content, StanceEstimate | Revision):
                 self._walks[line.foot].report([line.content])
-            else:
-                self._outlets.emit(format_feet_line(line))
+                continue
+            for text in format_feet_line(line):
+                self._outlets.emit(text)
 
     def _emit(self, side: Side | None, line: str) -> None:
         tagged = line if self.feet is None or side is None else tag_line(line, side, self.feet.frame(side))

@@ -16,8 +16,6 @@ from tests.online.test_online_smoother import add, farthest, footfall_at, in_fie
 from tests.online.walks import estimates_of, revisions_of, short_walk
 from tests.smoother.walks import Walk, demo
 
-STANCE = CausalParameters().stance
-
 
 @cache
 def told_footfalls() -> tuple[ReportedFootfall, ...]:
@@ -37,7 +35,7 @@ def swing_behind(k: int) -> ReportedFootfall:
 
 
 def review(footfalls: list[ReportedFootfall]) -> list[ReportedFootfall]:
-    return review_footfalls(short_walk(), 0, footfalls, STANCE)
+    return review_footfalls(short_walk(), 0, footfalls)
 
 
 def test_footfalls_that_are_none_are_taken_out_and_those_that_were_missed_are_put_in() -> None:
@@ -46,7 +44,7 @@ def test_footfalls_that_are_none_are_taken_out_and_those_that_were_missed_are_pu
     assert review([*told[:6], swing_behind(5), *told[6:]]) == told
     first = int(told[3].footfall.start[0]) - 50  # samples of a part of the walk are enough
     part = short_walk().slice(first, len(short_walk()))
-    assert review_footfalls(part, first, [*told[3:5], swing_behind(4), *told[5:]], STANCE) == told[3:]
+    assert review_footfalls(part, first, [*told[3:5], swing_behind(4), *told[5:]]) == told[3:]
     found = review([*told[:5], *told[6:]])
     assert [one.line for one in found] == [*range(5), UNREPORTED, *range(6, len(told))]
     missed, true = found[5].footfall, told[5].footfall
@@ -61,10 +59,10 @@ def test_the_newest_part_of_a_walk_stays_as_it_was_told() -> None:
     part, known = walk.slice(0, cut), told[:8]
     swing = swing_behind(7)
     assert walk.t[cut - 1] - walk.t[swing.footfall.stop[-1]] < OPEN_S
-    assert review_footfalls(part, 0, [*known, swing], STANCE) == [*known, swing]
+    assert review_footfalls(part, 0, [*known, swing]) == [*known, swing]
     late = told[7].footfall.stop[-1]
     assert walk.t[cut - 1] - walk.t[late] < OPEN_S
-    assert review_footfalls(part, 0, known[:7], STANCE) == known[:7]
+    assert review_footfalls(part, 0, known[:7]) == known[:7]
 
 
 # --- what changed ----------------------------------------------------------------------------------------------------

@@ -1,9 +1,11 @@
 """Tasks on Dask: workers that die, schedulers that go, workers of other code; nothing is lost or stored twice."""
 
+import os
 import re
 import subprocess
 import sys
 from contextlib import contextmanager
+from pathlib import Path
 from types import SimpleNamespace
 
 import dask
@@ -45,7 +47,8 @@ def test_a_dead_worker_is_replaced_and_only_the_result_that_kills_has_failed_so(
 def started(*words):
     """A process of Dask's own command line, with the first line that it prints with an address."""
     line = [sys.executable, "-m", *words, "--no-dashboard"]
-    process = subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    paths = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])}  # the walks of these tests are sent to it
+    process = subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=paths)
     try:
         yield process
     finally:
