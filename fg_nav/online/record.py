@@ -191,10 +191,11 @@ class Record:
                 if not walk["samples"] >= 0 or walk["is_interrupted"] not in (True, False):
                     raise ValueError("this is no beginning of a walk")
             header = [str(one) for one in headers[-1]["columns"]] if headers else None
-            given = GivenLines.parse(entries)
+            with np.errstate(over="raise"):  # numbers that no walk has
+                given = GivenLines.parse(entries)
             if is_begun:
                 rows = rows_of(FORMATS["canonical"].read(read_content(self.path)))
-        except (FormatError, ValueError, KeyError, TypeError):
+        except (FormatError, ValueError, KeyError, TypeError, FloatingPointError):
             walks, header, given = [], None, None
         # A walk that was killed before there were any samples begins anew.
         if not is_begun and (given is None or given.lines):

@@ -23,7 +23,7 @@ import time
 import warnings
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, redirect_stderr, redirect_stdout
+from contextlib import ExitStack, redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
@@ -37,6 +37,7 @@ from fuzz.mutations import Rng, draw
 from fg_nav import cli
 from fg_nav.arrays import Floats
 from fg_nav.columns.mapping import CANONICAL
+from fg_nav.errors import RecordingError
 from fg_nav.io import read
 from fg_nav.lab.simulation import SCENARIOS, Choices, simulate
 from fg_nav.online.buffer import rows_of
@@ -274,7 +275,9 @@ def make_stream(store: Store, rng: Rng, folder: Path) -> Input:
     more = draw(rng, ([], [], [], [], ["--no-mag"], ["--polish"], ["--heading=90"], ["--record=record.csv"]))
     given = Input(["stream", "-", "--plots", "none", *mount, *more], f"{name}: {what}", path.read_bytes())
     if kind == "losses" and "pocket" not in mount:
-        t = Intake().push(np.column_stack([rows, np.full(len(rows), np.nan)]), at_end=True)[:, 0]
+        t = np.zeros(0)
+        with suppress(RecordingError):  # refused, as the program must
+            t = Intake().push(np.column_stack([rows, np.full(len(rows), np.nan)]), at_end=True)[:, 0]
         k = int(np.argmax(np.diff(t))) if len(t) > 1 else 0
         given.lost = (float(t[k]), float(t[k + 1])) if len(t) > 1 else None
     return given
