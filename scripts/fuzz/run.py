@@ -154,6 +154,8 @@ def run_all(cases: Sequence[Case], store: Store, jobs: int, limit_s: float, due_
             words = f"crash: exit code {process.exitcode} {' '.join(places[:1])}"
         except TimeoutError:
             words = f"hang: more than {limit_s:g} s"
+        except Exception as error:  # of the fuzz itself: the input was not made, and the others go on
+            return Fate(case, faults=[f"not made: {type(error).__name__}: {error}"])
         process.kill()
         own.pool.shutdown(wait=False)
         own.pool = None
