@@ -152,7 +152,7 @@ def _open_file(path: Path, opener: Opener | None, has_others: bool = False) -> C
             opener = partial(_unpack, opener or _open_plain(path))
             content = Content(path, head=_read_bytes(path, opener, _HEAD_BYTES), opener=opener)
         if content.head.startswith(_MAT):
-            return replace(content, variables=frozenset(content.load_variables()))
+            return replace(content, variables=matlab.list_names(content.read_bytes(), path.name))
     except FormatError:
         if has_others:  # it may be none that is needed
             return content

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeAlias
@@ -34,6 +35,7 @@ Variables: TypeAlias = Mapping[str, NDArray[Any] | None]
 Element: TypeAlias = tuple[int, memoryview]  # Type and data of an element.
 
 _MAX_BYTES = 2**30  # Of all variables unpacked, as `fg_nav.io.content.MAX_BYTES`.
+_BEGINNING_BYTES = 4096  # Flags, dimensions and name of a variable take less than 400.
 _ORDERS = MappingProxyType({b"IM": "<", b"MI": ">"})
 
 _MATRIX, _COMPRESSED = 14, 15
@@ -45,12 +47,20 @@ _NUMBERS = MappingProxyType({  # Types of elements that hold numbers, as numpy n
 _OPAQUE, _NUMERIC_CLASSES, _COMPLEX = 17, range(6, 16), 0x0800
 
 
+def list_names(data: bytes, source: str) -> frozenset[str]:
+    """Names of the variables in the bytes of the file `source`, of which the beginnings alone are unpacked."""
+    with _explain_damage(source):
+        order = _read_order(data, source)
+        parts = _read_variables(data, order, _BEGINNING_BYTES)
+        return frozenset(_open_variable(part, order)[0] for part in parts) - {""}
+
+
 def load_arrays(data: bytes, source: str) -> Variables:
     """Return the real arrays in the bytes of the file `source` by name, in their stored type; None for others."""
     arrays = dict[str, NDArray[Any] | None]()
-    try:
+    with _explain_damage(source):
         order = _read_order(data, source)
-        for part in _read_variables(data, order):
+        for part in _read_variables(data, order, _MAX_BYTES):
             name, is_real, dimensions, rest = _open_variable(part, order)
             type, values = next(rest, (0, part)) if is_real else (0, part)
             if is_real and type not in _NUMBERS:
@@ -58,9 +68,16 @@ def load_arrays(data: bytes, source: str) -> Variables:
             if name:  # MATLAB keeps functions in one without a name
                 stored = np.frombuffer(values, order + _NUMBERS[type]) if is_real else None
                 arrays[name] = None if stored is None else stored.reshape(dimensions, order="F")
+    return arrays
+
+
+@contextmanager
+def _explain_damage(source: str) -> Iterator[None]:
+    """Raise `FormatError` where what a file says of itself cannot be."""
+    try:
+        yield
     except (ValueError, zlib.error) as error:
         raise FormatError(f"{source} is a damaged MATLAB file ({error}): copy or export it again.") from None
-    return arrays
 
 
 def _read_order(data: bytes, source: str) -> str:
@@ -73,18 +90,18 @@ def _read_order(data: bytes, source: str) -> str:
     return order
 
 
-def _read_variables(data: bytes, order: str) -> Iterator[memoryview]:
-    """Yield the matrices of a file, unpacked; of all together no more than `_MAX_BYTES`."""
+def _read_variables(data: bytes, order: str, most: int) -> Iterator[memoryview]:
+    """Yield the matrices of a file, of a compressed one at most as many bytes as given, and as are left of all."""
     budget = _MAX_BYTES
     for kind, part in _read_elements(memoryview(data)[128:], order):
         if kind == _COMPRESSED:
             unpack = zlib.decompressobj()
             kind, size = _read_tag(unpack.decompress(part, 8), order)
             budget -= size
-            if budget < 0:
+            if budget < 0 and most == _MAX_BYTES:
                 raise ValueError(f"it says that it holds more than {_MAX_BYTES // 2**30} GiB")
-            part = memoryview(unpack.decompress(unpack.unconsumed_tail, size + 1))
-            if len(part) != size:
+            part = memoryview(unpack.decompress(unpack.unconsumed_tail, min(size + 1, most)))
+            if len(part) != size and most == _MAX_BYTES:
                 raise ValueError("a compressed part is not as long as it says")
         if kind != _MATRIX:
             raise ValueError("it holds something other than variables")
