@@ -98,20 +98,17 @@ class PacedSolver(Solver):
 
     def begin(self, task: Task) -> None:
         """As it does, and note when."""
-        self._begun = perf_counter(), self._walked_s()
+        self._begun = perf_counter(), self._buffer.newest_s
         super().begin(task)
 
     def take(self) -> AnchorState | None:
         """As it does, after as long as the walk took since the task."""
         began = perf_counter()
-        due = self._begun[0] + self._walked_s() - self._begun[1]
+        due = self._begun[0] + self._buffer.newest_s - self._begun[1]
         while not self.is_ready() and perf_counter() < due:
             sleep(0.001)
         self.idle_s += perf_counter() - began
         return super().take()
-
-    def _walked_s(self) -> float:
-        return self._buffer.stamp(self._buffer.stop - 1)
 
 
 def judge_footfalls(mode: str, milliseconds: Floats, megabytes: Floats, lagged: float) -> list[Figure]:

@@ -86,18 +86,33 @@ def list_real(section: str, chosen: Namespace) -> list[Real]:
     return [one for name in SECTIONS[section] for one in walks.list_set(data, name.removesuffix(AIR), AIR in section)]
 
 
-def list_real_walks(chosen: Namespace) -> list[Task]:
-    """All sections, by both methods."""
+def read_real(section: str, real: Real) -> walks.Walk:
+    """Read a recording, with the stances of its section."""
+    return real.read_labelled() if section == LABELLED else real.read()
+
+
+def list_tasks(
+    sections: Sequence[str],
+    measure: Callable[[str, Real, Mapping[str, Estimate]], Found],
+    estimates: Mapping[str, Estimate],
+    chosen: Namespace,
+) -> list[Task]:
+    """All recordings of these sections, measured with these estimates."""
     return [
-        Task(section, one.name, partial(measure_real, section, one, METHODS))
-        for section in SECTIONS
+        Task(section, one.name, partial(measure, section, one, estimates))
+        for section in sections
         for one in list_real(section, chosen)
     ]
 
 
+def list_real_walks(chosen: Namespace) -> list[Task]:
+    """All sections, by both methods."""
+    return list_tasks(list(SECTIONS), measure_real, METHODS, chosen)
+
+
 def measure_real(section: str, real: Real, methods: Mapping[str, Estimate]) -> Found:
     """Run the methods on a recording, and measure what came with it."""
-    walk = real.read_labelled() if section == LABELLED else real.read()
+    walk = read_real(section, real)
     some = {INERTIAL: methods[INERTIAL]} if AIR in section else methods
     found: dict[str, Figures] = {name: attempt(partial(measure_solution, walk, one)) for name, one in some.items()}
     truth = walk.recording.truth
@@ -392,16 +407,12 @@ PART_HEADS: Mapping[str, tuple[str, str]] = {
 def list_parts(chosen: Namespace) -> list[Task]:
     """Every variant of the smoother on the same walks."""
     variants = {name: partial(smooth, parameters=PARTS[name]) for name in chosen.parts}
-    return [
-        Task(section, one.name, partial(measure_parts, section, one, variants))
-        for section in PART_SECTIONS
-        for one in list_real(section, chosen)
-    ]
+    return list_tasks(PART_SECTIONS, measure_parts, variants, chosen)
 
 
 def measure_parts(section: str, real: Real, variants: Mapping[str, Estimate]) -> Found:
     """Figures of each variant on a walk."""
-    walk = real.read_labelled() if section == LABELLED else real.read()
+    walk = read_real(section, real)
     return {name: attempt(partial(measure_solution, walk, one)) for name, one in variants.items()}
 
 
