@@ -1,14 +1,14 @@
 """The comparison of methods: what is kept, what is printed beside the papers, and that it runs."""
 
-import json
 from dataclasses import replace
 
 import pytest
 from rich.console import Console
 
 from fg_nav.errors import EstimationError, SimulationError
-from fg_nav.lab.store.results import Key, Result, read_result, write_result
+from fg_nav.lab.store.results import Key, Result
 from fg_nav.lab.walked import AS_STARTED, WalkErrors
+from tests.lab.store.stored import check_that_it_alone_is_read
 from tests.scripts import load_script
 
 script = load_script("compare_ekf")
@@ -33,15 +33,7 @@ def rows_of(printed, begins):
 
 
 def test_a_result_of_other_settings_or_form_or_a_damaged_one_is_none(tmp_path):
-    write_result(tmp_path, result())
-    assert read_result(tmp_path, KEY, SETTINGS).errors == result().errors
-    assert read_result(tmp_path, KEY, {**SETTINGS, "method": {"sigma": 0.2, "names": ["a", "b"]}}) is None
-    assert read_result(tmp_path, replace(KEY, walk="102"), SETTINGS) is None
-    path = tmp_path / KEY.file
-    whole = path.read_text()
-    for broken in (whole[: len(whole) // 2], "[]", "{}", json.dumps({**json.loads(whole), "form": 0})):
-        path.write_text(broken)
-        assert read_result(tmp_path, KEY, SETTINGS) is None
+    assert check_that_it_alone_is_read(tmp_path, result()).errors == result().errors
 
 
 def test_medians_stand_over_the_paper_in_tables_of_the_terminal_s_width(capsys, monkeypatch):
