@@ -394,11 +394,8 @@ def tie_places(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solve
     if not problem.parameters.walk.places or mag is None:
         return problem, solved, (), ()
     open_walk = problem, solved
-    walked = _measure_walked(problem, solved)[-1]
-    if walked < MIN_POINTS * SPACING_M:
+    if _measure_walked(problem, solved)[-1] < MIN_POINTS * SPACING_M:
         return *open_walk, (), ()
-    if walked > MAX_M:
-        return *open_walk, (), (f"no places are looked for on a walk of more than {MAX_M / 1000:.0f} km",)
     uncertainty = measure_uncertainty(problem, solved)
     known: tuple[Stretch, ...] = ()
     path = None
@@ -406,6 +403,8 @@ def tie_places(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solve
         # Where the field along the path shows one place.
         track = trajectory_of(problem.recording, problem.nodes, solved.values, problem.parameters.gravity)
         path = trace_signature(problem.recording.t, track.position, track.nav_R_body, mag)
+        if path.distance_m[-1] > MAX_M:
+            return *open_walk, (), (f"no places are looked for on a walk of more than {MAX_M / 1000:.0f} km",)
         found = select_consistent(path, recognize(path, uncertainty).stretches, uncertainty)
         is_confirmed = bool(known) and are_alike(found, known)
         known = keep_common(found, known) if number == ROUNDS and not is_confirmed else found

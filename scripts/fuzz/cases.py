@@ -7,7 +7,7 @@ in a folder of its own. What it must do:
 refused    exit code 1, one sentence, and no result left behind
 accepted   exit code 0; all numbers finite, stamps rising, sigmas above zero and growing where samples are lost
 never      another exit code, a traceback, a warning of Python's, or a path faster than `MAX_M_S` or with a stride
-           over `MAX_STRIDE_M` that is not called "not to be used"
+           over `MAX_STRIDE_M` that is neither called "not to be used" nor doubtful with a reason that names it
 ========== ===========================================================================================================
 """
 
@@ -187,7 +187,7 @@ def damage(path: Path, rng: Rng) -> str:
     """Damage a file in place: its bytes, of a text its rows, fields and numbers, of JSON its tree; in words how."""
     data = path.read_bytes()
     kind = draw(rng, ("bytes", "bytes", "table", "numbers", "varied")) if b"\0" not in data[:1000] else "bytes"
-    if path.suffix == ".json" and rng.random() < 0.8:
+    if path.suffix == ".json" and data.rstrip().endswith((b"}", b"]")) and rng.random() < 0.8:
         kind, breaks = "tree", rng.random() < 0.4
         data = json.dumps(wrong.change_tree(json.loads(data), rng, breaks)).encode("utf-8", "replace")
     elif kind == "bytes":
@@ -447,11 +447,15 @@ def judge_answer(fate: Fate, code: int, out: str, err: str, folder: Path, given:
             missing = [key for key in ("verdict", "distance_m", "duration_s") if summary.get(key) is None]
             yield from (f"not finite: summary.json, {key}" for key in missing)
             path = np.loadtxt(folder / "out" / "trajectory.tum", ndmin=2)
-            yield from judge_path(path, pd.read_csv(folder / "out" / "strides.csv"), fate.said == UNUSABLE)
+            names_it = any(
+                words in reason for words in ("the foot reaches", "a stride of") for reason in summary["reasons"]
+            )
+            is_marked = fate.said == UNUSABLE or (fate.said == "doubtful" and names_it)
+            yield from judge_path(path, pd.read_csv(folder / "out" / "strides.csv"), is_marked)
 
 
-def judge_path(path: Floats, strides: pd.DataFrame, unusable: bool) -> Iterator[str]:
-    """Yield what is wrong with the numbers of a result, and with its motion where it is said to be usable."""
+def judge_path(path: Floats, strides: pd.DataFrame, is_marked: bool) -> Iterator[str]:
+    """Yield what is wrong with the numbers of a result, and with its motion where the verdict does not name that."""
     numbers = strides.select_dtypes("number").drop(columns="compass_weight", errors="ignore")  # empty without a compass
     if not np.isfinite(path).all():
         yield "not finite: trajectory.tum"
@@ -463,7 +467,7 @@ def judge_path(path: Floats, strides: pd.DataFrame, unusable: bool) -> Iterator[
         # The first row is where coordinates begin, in a pocket without an error.
         if str(name).startswith("sigma") and ((numbers[name] < 0).any() or (numbers[name][1:] <= 0).any()):
             yield f"sigma not above zero: strides.csv, {name}"
-    if unusable or len(path) < 2:
+    if is_marked or len(path) < 2:
         return
     t, position = path[:, 0], path[:, 1:4]
     later = np.minimum(np.searchsorted(t, t + SPEED_S - 1e-9), len(t) - 1)

@@ -304,7 +304,7 @@ def change_tree(tree: Any, rng: Rng, breaks: bool) -> Any:
             del holder[key]
         elif kind < 9:
             holder[key] = copy.deepcopy(draw(rng, LEAVES))
-            for _ in range(1000 if rng.random() < 0.03 else 0):  # deeper than a parser goes
+            for _ in range(300 if rng.random() < 0.03 else 0):  # as deep as is written three times over
                 holder[key] = [holder[key]]
         elif isinstance(leaf, bool | int):
             holder[key] = (not leaf) if isinstance(leaf, bool) else leaf + draw(rng, (-1, 1, 2, 100))
