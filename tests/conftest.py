@@ -1,3 +1,4 @@
+import os
 import sys
 from pathlib import Path
 
@@ -6,6 +7,8 @@ import pytest
 from fg_nav import cli
 from tests.command_line import FgNav, Ran
 from tests.pictures import sketch_pictures
+
+os.environ["PYTHONSAFEPATH"] = "1"  # the processes of the tests import the installed package, not what lies around them
 
 
 @pytest.fixture
