@@ -82,12 +82,12 @@ OFF_SHARE = 0.6  # Of what is rebuilt, one sigma: peaks are flatter or more poin
 # bad samples
 
 
-def find_outliers(t: Floats, acc: Floats, gyr: Floats, factor: float = FACTOR) -> Ints:
+def find_outliers(t: Floats, acc: Floats, gyr: Floats) -> Ints:
     """Find bad samples among specific forces and rates (N, 3), m/s^2 and rad/s, at rising stamps (N,) s.
 
-    Returns (N,) of which sensor each is bad, the sum of `ACC_OUT` and `GYR_OUT`. `factor` is f up to `PERIOD_S`.
+    Returns (N,) of which sensor each is bad, the sum of `ACC_OUT` and `GYR_OUT`.
     """
-    return scan_outliers(t, np.hstack([acc, gyr]), 0, True, factor)[0]
+    return scan_outliers(t, np.hstack([acc, gyr]), 0, True)[0]
 
 
 def find_mag_outliers(t: Floats, mag: Floats) -> Bools:
@@ -153,24 +153,21 @@ class OutlierFilter:
 
 
 @njit(cache=True)
-def scan_outliers(t: Floats, x: Floats, begin: int, at_end: bool, factor: float = FACTOR) -> tuple[Ints, int]:
+def scan_outliers(t: Floats, x: Floats, begin: int, at_end: bool) -> tuple[Ints, int]:
     """Find outliers in x (N, 6), acc and gyr, from sample `begin` on; return sensor bits (N,), and the next to judge.
 
     Unless it is `at_end`, a sample at which a run may begin is judged once `LOOK_AHEAD` samples are behind it.
     """
     count = len(x)
     found = np.zeros(count, np.int64)
-    good = np.arange(max(begin, AROUND + 1))  # the last of them, up to the place `last`
-    last = begin
-    kept = np.empty(count + len(good), np.int64)
-    kept[:last] = good[:last]
-    i = begin
+    kept = np.arange(count)  # the good ones, up to the place `last`
+    last = i = begin
     while i < count:
         # most samples go on from the one before: no step is larger than the least that is allowed anywhere
         leaves = last == 0
         for axis in range(6):
             least = ACC_M_S2 if axis < 3 else GYR_RAD_S
-            leaves = leaves or abs(x[i, axis] - x[kept[last - 1], axis]) > factor * least
+            leaves = leaves or abs(x[i, axis] - x[kept[last - 1], axis]) > FACTOR * least
         if not leaves:
             kept[last] = i
             last += 1
@@ -180,13 +177,13 @@ def scan_outliers(t: Floats, x: Floats, begin: int, at_end: bool, factor: float 
         before, may_begin = kept[max(last - AROUND - 1, 0) : last], last == 0
         if last > 0:
             acc, gyr = _measure_shaking(x, before)
-            step = np.abs(x[i] - x[before[-1]])
-            may_begin = step[:3].max() > factor * (ACC_M_S2 + ACC_SHAKEN * acc)
-            may_begin = may_begin or step[3:].max() > factor * (GYR_RAD_S + GYR_SHAKEN * gyr + GYR_STRUCK * acc)
+            for axis in range(6):
+                most = ACC_M_S2 + ACC_SHAKEN * acc if axis < 3 else GYR_RAD_S + GYR_SHAKEN * gyr + GYR_STRUCK * acc
+                may_begin = may_begin or abs(x[i, axis] - x[before[-1], axis]) > FACTOR * most
         if may_begin and i + LOOK_AHEAD >= count and not at_end:
             break
         # a run that leaves here and returns
-        length, which = _find_run(t, x, before, i, factor) if may_begin else (0, 0)
+        length, which = _find_run(t, x, before, i) if may_begin else (0, 0)
         for j in range(i, i + length):
             found[j] = which
         if length == 0:
@@ -197,27 +194,30 @@ def scan_outliers(t: Floats, x: Floats, begin: int, at_end: bool, factor: float 
 
 
 @njit(cache=True)
-def _find_run(t: Floats, x: Floats, before: Ints, i: int, factor: float) -> tuple[int, int]:
+def _find_run(t: Floats, x: Floats, before: Ints, i: int) -> tuple[int, int]:
     """Length of the shortest run of outliers from sample i on, and bits `ACC_OUT`, `GYR_OUT`; 0, 0 if none."""
     shaken = _measure_shaking(x, before)
     for length in range(1, LONGEST + 1):
         behind = np.arange(i + length, min(i + length + AROUND + 1, len(x)))
         if i + length > len(x) or (len(behind) < 2 and (len(before) < 2 or len(x) - i > LAST)):
             return 0, 0
-        acc, gyr = np.maximum(shaken, _measure_shaking(x, behind))
+        acc, gyr = _measure_shaking(x, behind)
+        acc, gyr = max(acc, shaken[0]), max(gyr, shaken[1])
         # raise the threshold for coarse sampling, missing samples and the ends of the recording
-        period = float(np.median(np.concatenate((np.diff(t[before]), np.diff(t[behind])))))
+        period = _find_period(t, before, behind)
         stretch = np.sqrt(3.0)  # at either end, where only one side shows what the motion is
         if len(before) and len(behind):
             stretch = max((t[behind[0]] - t[before[-1]]) / ((length + 1) * period), 1.0)
-        f = factor * (max(np.sqrt(period / PERIOD_S), 1.0) * stretch**2)
+        f = FACTOR * (max(np.sqrt(period / PERIOD_S), 1.0) * stretch**2)
         which = 0
-        if _measure_run(x, before, behind, i, 0) > f * (ACC_M_S2 + ACC_SHAKEN * acc):
+        if _measure_run(x, before, behind, i, np.int64(0)) > f * (ACC_M_S2 + ACC_SHAKEN * acc):
             which += ACC_OUT
         else:  # a strike is in the forces of the same samples
-            run = np.concatenate((before[-1:], np.arange(i, i + length), behind[:1]))
-            acc = max(acc, _measure_shaking(x, run)[0])
-        if _measure_run(x, before, behind, i, 3) > f * (GYR_RAD_S + GYR_SHAKEN * gyr + GYR_STRUCK * acc):
+            run = np.arange(i - 1, min(i + length + 1, len(x)))
+            if len(before):
+                run[0] = before[-1]
+            acc = max(acc, _measure_shaking(x, run if len(before) else run[1:])[0])
+        if _measure_run(x, before, behind, i, np.int64(3)) > f * (GYR_RAD_S + GYR_SHAKEN * gyr + GYR_STRUCK * acc):
             which += GYR_OUT
         if which:
             return length, which
@@ -225,14 +225,32 @@ def _find_run(t: Floats, x: Floats, before: Ints, i: int, factor: float) -> tupl
 
 
 @njit(cache=True)
-def _measure_shaking(x: Floats, samples: Ints) -> Floats:
-    """Largest deviation (2,) of acc and gyr, any axis, from the mean of both neighbours: half the second difference."""
-    largest = np.zeros(2)
+def _find_period(t: Floats, before: Ints, behind: Ints) -> float:
+    """Median step of t from each sample to the next, of those before and of those behind; `np.median` compiles 2 s."""
+    steps, many = np.empty(len(before) + len(behind)), 0
+    for j in range(1, len(steps)):
+        k = j - len(before)
+        if k != 0:
+            step = t[before[j]] - t[before[j - 1]] if k < 0 else t[behind[k]] - t[behind[k - 1]]
+            # where it belongs among those so far
+            place = many
+            while place > 0 and steps[place - 1] > step:
+                steps[place] = steps[place - 1]
+                place -= 1
+            steps[place] = step
+            many += 1
+    return 0.5 * (steps[(many - 1) // 2] + steps[many // 2])
+
+
+@njit(cache=True)
+def _measure_shaking(x: Floats, samples: Ints) -> tuple[float, float]:
+    """Largest deviation of acc and of gyr, any axis, from the mean of both neighbours: half the second difference."""
+    acc, gyr = 0.0, 0.0
     for j in range(1, len(samples) - 1):
         for axis in range(6):
-            middle = (x[samples[j - 1], axis] + x[samples[j + 1], axis]) / 2
-            largest[axis // 3] = max(largest[axis // 3], abs(x[samples[j], axis] - middle))
-    return largest
+            off = abs(x[samples[j], axis] - (x[samples[j - 1], axis] + x[samples[j + 1], axis]) / 2)
+            acc, gyr = (max(acc, off), gyr) if axis < 3 else (acc, max(gyr, off))
+    return acc, gyr
 
 
 @njit(cache=True)
