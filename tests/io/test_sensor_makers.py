@@ -8,14 +8,8 @@ import pytest
 from fg_nav.errors import FormatError
 from fg_nav.io import read, read_raw
 from tests.io.every_format import write_changed
-from tests.io.foreign_sensors import (
-    write_apdm,
-    write_dot_sdk,
-    write_metawear,
-    write_shimmer,
-    write_ximu3,
-    write_xsens_mt,
-)
+from tests.io.foreign_sensors import EPOCH_MS, write_apdm, write_dot_sdk, write_metawear, write_shimmer, write_ximu3
+from tests.io.foreign_sensors import write_xsens_mt as write_mt
 from tests.io.samples import tilting
 from tests.real_data import DATA, needs_data
 
@@ -24,11 +18,11 @@ RAW = tilting(np.random.default_rng(3), duration_s=4.0, rate_hz=100.0, still_s=1
 
 def test_time_of_xsens_is_its_clock_the_counter_or_a_rate(tmp_path: Path) -> None:
     path, kept = tmp_path / "walk.txt", np.arange(len(RAW.t)) != 7
-    write_xsens_mt(RAW, path)
+    write_mt(RAW, path)
     raw = read_raw(path)
     np.testing.assert_allclose(raw.t, RAW.t[kept], atol=1e-9)
     assert raw.row[0] == 8
-    write_xsens_mt(RAW, path, ",", fine=True)
+    write_mt(RAW, path, ",", fine=True)
     raw = read_raw(path)
     np.testing.assert_allclose(raw.t - raw.t[0], RAW.t[kept], atol=1e-4)
     path.write_text("\n".join(path.read_text().splitlines()[6:]).replace("SampleTimeFine", "Other"))
@@ -56,22 +50,33 @@ def test_one_of_several_sensors_must_be_named(tmp_path: Path) -> None:
     np.testing.assert_allclose(read(path, sensor="LUMBAR").gyr, -RAW.gyr, atol=1e-6)
 
 
-def test_shimmer_takes_the_clock_in_numbers_and_leaves_out_a_time_that_is_none(tmp_path: Path) -> None:
-    path = tmp_path / "walk.csv"
-    write_shimmer(RAW, path, formatted=True)
+def test_shimmer_takes_the_clock_since_1970_before_its_own_and_numbers_before_text(tmp_path: Path) -> None:
+    path, start_s = tmp_path / "walk.csv", 1e-3 * EPOCH_MS
+    unix, text, own = "Timestamp_Unix", "Timestamp_FormattedUnix", "Timestamp"
+    for clocks, first_s, step_s in (
+        ((own, text, unix), start_s, 0.01),
+        ((unix, text, own), start_s, 0.01),
+        ((text, own), 1.0, 0.02),
+        ((own,), 1.0, 0.02),
+        ((text,), start_s, 0.01),
+    ):
+        write_shimmer(RAW, path, clocks=clocks)
+        t = read_raw(path).t
+        assert t[0] == pytest.approx(first_s), clocks
+        np.testing.assert_allclose(np.diff(t), step_s, atol=1e-6)
+    # a time that is none
     path.write_bytes(path.read_bytes().replace(b"2020/07/28 10:56:50.044", b"yesterday"))
     assert np.isnan(read_raw(path).t[1])
     assert "left out 1 missing sample, the first in row 5" in read(path).provenance.notes
+    # the clock of another device counts where there is none of its own
+    write_shimmer(RAW, path, clocks=(own,))
+    path.write_bytes(path.read_bytes().replace(b"Shimmer_40AC_Timestamp", b"Shimmer_7_Timestamp"))
+    np.testing.assert_allclose(np.diff(read_raw(path).t), 0.02, atol=1e-6)
     write_shimmer(RAW, path)
     sep, names, units, *rows = path.read_text().splitlines()
-    first = [f"Shimmer_40AC_Timestamp_CAL;{names}", f"ms;{units}", *(f"1;{row}" for row in rows)]
-    path.write_text("\n".join([sep, *first]))
+    other = [f"Shimmer_7_Timestamp_Unix_CAL;{names}", f"ms;{units}", *(f"1;{row}" for row in rows)]
+    path.write_text("\n".join([sep, *other]))
     np.testing.assert_allclose(np.diff(read_raw(path).t), 0.01, atol=1e-6)
-
-
-def test_movesense_without_a_magnetometer(tmp_path: Path) -> None:
-    path = write_changed("movesense", RAW, tmp_path, ("", "ArrayMagn", "ArrayTemp"))
-    assert read(path).mag is None
 
 
 def test_metawear_leaves_out_rows_whose_clocks_are_damaged(tmp_path: Path) -> None:
@@ -96,12 +101,13 @@ def test_metawear_asks_for_the_other_file_and_for_the_session(tmp_path: Path) ->
     assert "the session is 'Right" in read_raw(tmp_path, sensor="right").provenance.notes[0]
 
 
-def test_ximu3_folder_with_a_magnetometer_in_a_unit(tmp_path: Path) -> None:
+def test_ximu3_folder_with_a_magnetometer_in_a_unit_and_movesense_without_one(tmp_path: Path) -> None:
     write_ximu3(RAW, tmp_path / "walk", "uT")
     raw = read_raw(tmp_path / "walk")
     np.testing.assert_allclose(raw.mag[::5], RAW.mag[::5], rtol=1e-9)
     assert np.isnan(raw.mag[1::5]).all()
     np.testing.assert_allclose(read_raw(tmp_path / "walk" / "Inertial.csv").acc, RAW.acc, atol=1e-9)
+    assert read(write_changed("movesense", RAW, tmp_path, ("walk.dat", "ArrayMagn", "ArrayTemp"))).mag is None
 
 
 @needs_data
