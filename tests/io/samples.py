@@ -52,6 +52,11 @@ def tabulate(names: Sequence[str], columns: Sequence[object], separator: str = "
     return "\n".join([separator.join(names), *map(separator.join, zip(*fields, strict=True))]) + "\n"
 
 
+def write_columns(path: Path, names: Sequence[str], columns: Sequence[object], separator: str = ",") -> Path:
+    path.write_text(tabulate(names, columns, separator, "{:.10g}"), encoding="utf-8")
+    return path
+
+
 def write_sensorconnect(raw: RawRecording, path: Path) -> None:
     assert raw.mag is not None
     names = axes(*(f"inertial-1.2:scaled{name}{{}}" for name in ("Accel", "Gyro", "Mag")))
