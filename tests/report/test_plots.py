@@ -8,7 +8,16 @@ import pytest
 from matplotlib.image import imread
 
 from fg_nav.evaluation import evaluate
-from fg_nav.report.charts import AlignedSolution, Chart, Paths, describe_frame, draw_course, envelope, spread_rows
+from fg_nav.report.charts import (
+    AlignedSolution,
+    Chart,
+    Paths,
+    align_paths,
+    describe_frame,
+    draw_course,
+    envelope,
+    spread_rows,
+)
 from fg_nav.report.charts import find_ellipses as find
 from fg_nav.report.plots import style
 from fg_nav.report.plots.style import draw_walk
@@ -41,14 +50,15 @@ def test_run_and_comparison_draw_their_pictures_with_any_truth(
         sketch_pictures(patch)
         draw_walk(tmp_path, walk, outcomes)
         drawn = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.png")}
-        draw_walk(tmp_path, surveyed, {"smoother": walks.outcome(surveyed)})
+        for one in (surveyed, bare):
+            draw_walk(tmp_path, one, {"smoother": walks.outcome(one)})
     per_method = {f"{m}/{p}.png" for m in "ab" for p in ("trajectory", "heading", "gyro_bias")}
     assert drawn == per_method | {"trajectories.png", "errors.png", "stance_statistic.png"}
-    draw_walk(tmp_path, bare, {"smoother": walks.outcome(bare)})
+    style.draw_paths(tmp_path / "whole.png", align_paths({"smoother": walks.outcome(walk)}, walk))
     for path in tmp_path.rglob("*.png"):
         pixels = imread(path)
         assert np.mean(pixels[..., :3].min(axis=2) < 0.9) > 0.005, path.name  # is inked
-    assert imread(tmp_path / "trajectory.png").shape > (400, 1000)
+    assert imread(tmp_path / "whole.png").shape > (400, 1000)
 
 
 def test_path_is_drawn_where_the_truth_is_and_ticks_are_round(walk: Walk) -> None:
