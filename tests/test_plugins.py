@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,7 +20,7 @@ from fg_nav.lab.simulation import simulate
 from fg_nav.magnetic.detectors import choose_gate, count_needed, find_gate
 from fg_nav.plugins import find_plugins
 from fg_nav.report.export import find_export
-from tests.command_line import FgNav
+from tests.command_line import FgNav, in_a_process
 from tests.io.samples import tilting
 from tests.report.test_export import folder as folder  # a fixture: of a result
 from tests.report.test_export import solution as solution
@@ -48,26 +47,25 @@ def write_example(path: Path) -> Path:
     return path
 
 
-def test_a_method_of_another_package_is_run_by_its_name_and_refuses_what_it_does_not_use(tmp_path: Path) -> None:
+@pytest.mark.usefixtures("installed")
+def test_a_method_of_another_package_is_run_by_its_name_and_refuses_what_it_does_not_use(
+    fg_nav: FgNav, tmp_path: Path
+) -> None:
     walk, out = tmp_path / "walk.csv", tmp_path / "out"
     write_canonical(simulate("demo", 1).recording.slice(0, 2000), walk)
-
-    def run(*options: str | Path, path: Path = EXAMPLE) -> subprocess.CompletedProcess[str]:
-        environment = os.environ | {"PYTHONPATH": os.pathsep.join((str(ROOT), str(path)))}
-        command = [sys.executable, "-m", "fg_nav.cli", "run", str(walk), *map(str, options)]
-        return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-
-    done = run("--method", "standing", "--out", out, "--json")
-    assert done.returncode == 0, done.stderr
-    summary = json.loads(done.stdout)
+    ran = fg_nav("run", walk, "--method", "standing", "--out", out, "--json")
+    assert ran.code == 0, ran.err
+    summary = json.loads(ran.out)
     assert (summary["method"], summary["distance_m"]) == ("standing", 0.0)
-    again = run("--config", out / "config.json", "--out", tmp_path / "again", "--json")
-    assert json.loads(again.stdout)["method"] == "standing", again.stderr
-    unknown = run("--method", "standin")
-    assert unknown.returncode == 1
-    assert "standing" in unknown.stderr
-    assert "standing makes no use of --polish" in run("--method", "standing", "--polish").stderr
-    assert run("--method", "standing", path=ROOT).returncode == 1
+    again = fg_nav("run", walk, "--config", out / "config.json", "--out", tmp_path / "again", "--json")
+    assert json.loads(again.out)["method"] == "standing", again.err
+    assert fg_nav("run", walk, "--method", "standin").refused("standing")
+    assert fg_nav("run", walk, "--method", "standing", "--polish").refused("standing makes no use of --polish")
+    # in a process of its own, as it is installed
+    path = os.pathsep.join((str(ROOT), str(EXAMPLE)))
+    assert in_a_process("run", walk, "--method", "standing", "--polish", PYTHONPATH=path).refused(
+        "standing makes no use"
+    )
 
 
 @pytest.mark.usefixtures("installed")
@@ -111,9 +109,10 @@ def test_an_export_of_another_package_is_there_for_the_command_and_for_a_solutio
         find_export(tmp_path / "walk.shp")
 
 
-def test_without_the_package_its_names_are_unknown(tmp_path: Path) -> None:
+def test_without_the_package_its_names_are_unknown(fg_nav: FgNav, tmp_path: Path) -> None:
     find_plugins.cache_clear()
     path = write_example(tmp_path / "walk.log")
+    assert fg_nav("run", path, "--method", "standing").refused("standing")
     for error, words, call, arguments in (
         (FormatError, f"none of the {len(FORMATS)} formats", read_raw, (path,)),
         (FormatError, "there is no format 'example'", read_raw, (path, "example")),
