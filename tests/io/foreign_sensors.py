@@ -182,7 +182,10 @@ def write_ximu3(raw: RawRecording, folder: Path, unit: str = "a.u.") -> None:
 
 
 def write_bag(raw: RawRecording, path: Path, imus: tuple[str, ...] = ("/left/imu",), normalized: bool = False) -> None:
-    """A ROS 1 bag at `walk.bag`; else a ROS 2 bag, a folder with storage of mcap or sqlite3 as its suffix says."""
+    """A ROS 1 bag at `walk.bag`; else a ROS 2 bag, a folder with storage of mcap or sqlite3 as its suffix says.
+
+    Besides the magnetometer `/left/mag` there is another, of half the field.
+    """
     from rosbags.rosbag1 import Writer as Writer1
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
@@ -195,7 +198,7 @@ def write_bag(raw: RawRecording, path: Path, imus: tuple[str, ...] = ("/left/imu
     stamp_of, vector = types["builtin_interfaces/msg/Time"], types["geometry_msgs/msg/Vector3"]
     with Writer1(path) if path.suffix == ".bag" else Writer(path, version=9, storage_plugin=plugin) as writer:
         topics = {topic: writer.add_connection(topic, kind, typestore=store) for topic in imus}
-        field_topic = writer.add_connection("/left/mag", field_kind, typestore=store)
+        fields = {topic: writer.add_connection(topic, field_kind, typestore=store) for topic in ("/a/mag", "/left/mag")}
         for k, t in enumerate(raw.t):
             ns = EPOCH_MS * 10**6 + round(t * 1e9)
             extra = {"seq": k} if path.suffix == ".bag" else {}
@@ -209,8 +212,9 @@ def write_bag(raw: RawRecording, path: Path, imus: tuple[str, ...] = ("/left/imu
                 writer.write(topic, ns + 30_000_000, serialize(message, kind))
             if k % 4 == 0:
                 field = 1e-4 * raw.mag[k] / np.linalg.norm(raw.mag[k]) if normalized else 1e-6 * raw.mag[k]
-                message = types[field_kind](header, vector(*field), np.zeros(9))
-                writer.write(field_topic, ns + 30_000_000, serialize(message, field_kind))
+                for topic, share in zip(fields.values(), (0.5, 1.0), strict=True):
+                    message = types[field_kind](header, vector(*(share * field)), np.zeros(9))
+                    writer.write(topic, ns + 30_000_000, serialize(message, field_kind))
 
 
 def _integrate(raw: RawRecording) -> Rotation:

@@ -123,9 +123,9 @@ def test_one_of_several_topics_must_be_named_and_a_bag_alone_in_its_file_is_read
         read(path)
     raw = read_raw(path, sensor="right")
     assert raw.mag is None
-    assert raw.provenance.notes[1].startswith("/left/mag is normalized (its strength is always 0.0001)")
+    assert raw.provenance.notes[1].startswith("/a/mag is normalized (its strength is always 5e-05)")
     files.write_bag(RAW, path := tmp_path / "none.mcap", ())
-    with pytest.raises(FormatError, match=r"no topic of sensor_msgs/Imu \(/left/mag\): record one"):
+    with pytest.raises(FormatError, match=r"no topic of sensor_msgs/Imu \(/a/mag, /left/mag\): record one"):
         read(path)
     for name in ("one.bag", "one.mcap", "one"):
         files.write_bag(RAW, path := tmp_path / name)
