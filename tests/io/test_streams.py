@@ -165,3 +165,10 @@ def test_a_faster_accelerometer_is_averaged_over_the_gyroscopes_period():
     np.testing.assert_allclose(raw.acc[1:-1, 0], t_gyr[1:-1], atol=1e-9)
     assert raw.acc[:, 1].sum() == pytest.approx(8.0 / 4)
     assert "the accelerometer is faster than the gyroscope: averaged" in " ".join(raw.provenance.notes)
+
+
+def test_of_a_faster_magnetometer_the_nearest_sample_is_placed():
+    t_mag, t_gyr = clock(290.0, 0.001), clock(100.0)
+    raw = join(stream("acc", t_gyr), stream("gyr", t_gyr), stream("mag", t_mag))
+    nearest = t_mag[np.argmin(np.abs(t_mag[:, None] - t_gyr), axis=0)]
+    np.testing.assert_array_equal(raw.mag, sense("mag", nearest))
