@@ -25,8 +25,6 @@ STRIDE_COLUMNS = (
 SUMMARY_KEYS = {
     "method", "duration_s", "distance_m", "strides", "closure_m", "closure_percent", "runtime_s", "realtime_factor",
 }  # fmt: skip
-    ["method", "duration_s", "distance_m", "strides", "closure_m", "closure_percent", "runtime_s", "realtime_factor"]
-)
 TRUTH_KEYS = {"rmse_2d_m", "rmse_3d_m", "end_error_m", "max_error_m", "heading_rmse_deg", "alignment"}
 
 
