@@ -152,17 +152,22 @@ def write_yei(raw: RawRecording, path: Path) -> None:
 
 
 def write_metawear(raw: RawRecording, folder: Path, session: str = "Left_MetaWear_2019-01-11T16.10.08.270_C4") -> None:
-    """A file a sensor, and one of a filter in the accelerometer's unit; the magnetometer has every fourth sample."""
+    """A file a sensor, and one of a filter in the accelerometer's unit; the magnetometer has every fourth sample.
+
+    Each file counts from its own first sample.
+    """
     folder.mkdir(exist_ok=True)
-    for name, values, unit, step in (
-        ("Accelerometer_100.000Hz", raw.acc / GRAVITY_M_S2, "g", 1),
-        ("LinearAcceleration", 0.0 * raw.acc, "g", 1),
-        ("Gyroscope_100.000Hz", np.rad2deg(raw.gyr), "deg/s", 1),
-        ("Magnetometer_25.000Hz", raw.mag * 1e-6, "T", 4),
+    every, fourth = slice(None), slice(2, None, 4)
+    for name, values, unit, rows in (
+        ("Accelerometer_100.000Hz", raw.acc / GRAVITY_M_S2, "g", every),
+        ("LinearAcceleration", 0.0 * raw.acc, "g", every),
+        ("Gyroscope_100.000Hz", np.rad2deg(raw.gyr), "deg/s", every),
+        ("Magnetometer_25.000Hz", raw.mag * 1e-6, "T", fourth),
     ):
         names = ["epoch (ms)", "time (01:00)", "elapsed (s)", *axes(f"{{}}-axis ({unit})", letters="xyz")]
-        stamps = [[f"{EPOCH_MS + round(t * 1e3)}", "2019-01-11T16:10:08.431", f"{t:.3f}"] for t in raw.t[::step]]
-        text = tabulate(names, [stamps, values[::step]], form="{:.12g}")
+        t, day = raw.t[rows], "2019-01-11T16:10:08.431"
+        stamps = [[f"{EPOCH_MS + round(one * 1e3)}", day, f"{one - t[0]:.3f}"] for one in t]
+        text = tabulate(names, [stamps, values[rows]], form="{:.12g}")
         (folder / f"{session}_{name}_1.4.4.csv").write_text(text)
 
 

@@ -422,20 +422,19 @@ def test_tables_of_two_sensors_in_a_folder(tmp_path: Path, fg_nav: FgNav) -> Non
 
 def test_a_marker_of_a_c3d_file_is_the_truth(tmp_path: Path) -> None:
     ezc3d = pytest.importorskip("ezc3d")
-    file = ezc3d.c3d()
-    file["parameters"]["POINT"]["RATE"]["value"] = [100.0]
-    file["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
-    file["parameters"]["POINT"]["LABELS"]["value"] = ["HEEL", "TOE"]
     there = np.cumsum(np.random.default_rng(2).normal(size=(3, 300)), axis=1)
-    points = np.ones((4, 2, 300))
-    points[:3, 0], points[:3, 1] = 1e3 * there, 0.0
-    file["data"]["points"] = points
-    file.write(str(tmp_path / "walk.c3d"))
+    for unit, per_m in (("m", 1.0), ("mm", 1e3)):
+        file, points = ezc3d.c3d(), np.ones((4, 2, 300))
+        for key, value in (("RATE", [100.0]), ("UNITS", [unit]), ("LABELS", ["HEEL", "TOE"])):
+            file["parameters"]["POINT"][key]["value"] = value
+        points[:3, 0], points[:3, 1] = per_m * there, 0.0
+        file["data"]["points"] = points
+        file.write(str(tmp_path / "walk.c3d"))
+        truth = read_truth(tmp_path / "walk.c3d:heel")
+        np.testing.assert_allclose(truth.position, there.T, atol=1e-4)
+        assert truth.t[-1] == pytest.approx(2.99)
     with pytest.raises(FormatError, match=r"holds 2 markers \(HEEL, TOE\): name one, such as `--truth walk.c3d:HEEL`"):
         read_truth(tmp_path / "walk.c3d")
-    truth = read_truth(tmp_path / "walk.c3d:heel")
-    np.testing.assert_allclose(truth.position, there.T, atol=1e-4)
-    assert truth.t[-1] == pytest.approx(2.99)
 
 
 def test_the_sigma_of_a_rate_may_be_said(tmp_path: Path, fg_nav: FgNav) -> None:

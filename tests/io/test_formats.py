@@ -221,12 +221,12 @@ def test_truth_of_pyshoe_is_made_right_handed_at_all_samples_or_some(tmp_path: P
     truth = read(path).truth
     assert isinstance(truth, TrajectoryTruth)
     np.testing.assert_allclose(truth.position, np.column_stack([RAW.t, -2 * RAW.t, 0.1 + 0 * RAW.t]))
-    points = np.array([[0.0, 0, 0], [1, 2, 0], [3, 1, 0]])
-    scipy.io.savemat(path, {"imu": IMU, "ts": RAW.t, "gt": points, "gt_idx": np.array([[0, 400, 800]])})
+    points = np.array([[0.0, 0, 0], [1, 2, 0], [9, 9, 9], [3, 1, 0]])  # the third comes no later
+    scipy.io.savemat(path, {"imu": IMU, "ts": RAW.t, "gt": points, "gt_idx": np.array([[0, 400, 400, 800]])})
     truth = read(path).truth
     assert isinstance(truth, TrajectoryTruth)
     np.testing.assert_allclose(truth.t, RAW.t[[0, 400, 800]])
-    np.testing.assert_allclose(truth.position, points * [1, -1, 1])
+    np.testing.assert_allclose(truth.position, points[[0, 1, 3]] * [1, -1, 1])
 
 
 def test_broad_quaternions_are_w_x_y_z_from_sensor_to_nav_where_it_was_seen(tmp_path: Path) -> None:

@@ -73,6 +73,8 @@ def test_the_folder_of_a_result_says_what_the_solution_says(solution: Solution, 
         np.testing.assert_allclose(getattr(track, name), getattr(direct, name), atol=3e-7)
     pd.testing.assert_frame_equal(track.footfalls, direct.footfalls, rtol=1e-8)
     np.testing.assert_allclose(track.cov, solution.stances.position_cov, rtol=1e-7)
+    for n in range(N - 4, N):  # the line that is drawn reaches the end
+        assert replace(track, t=track.t[:n]).line[[0, -1]].tolist() == [0, n - 1]
     assert "sensor's x axis" in track.notes[0]
 
 
@@ -258,6 +260,7 @@ def test_a_ros_bag_returns_odometry_and_path(track: ExportTrack, tmp_path: Path)
     covariance = odometry[AT[3]][1].pose.covariance.reshape(6, 6)
     np.testing.assert_allclose(covariance[:3, :3], track.cov[3], rtol=1e-9)
     assert covariance[5, 5] == pytest.approx(0.04**2, rel=1e-6)
+    np.testing.assert_array_equal(covariance[[3, 4], [3, 4]], 1e6)  # not known
     ((_, path),) = read["/fg_nav/path"]
     places = [(pose.pose.position.x, pose.pose.position.y, pose.pose.position.z) for pose in path.poses]
     np.testing.assert_allclose(places, track.position[AT], atol=1e-8)
