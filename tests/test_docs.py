@@ -63,19 +63,22 @@ def names_of(page: Path, head: str) -> list[str]:
     return [name for row in rows for name in re.findall(r"`([\w-]+)`", row.split("|")[1])]
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_links_lead_somewhere(page: Path) -> None:
-    text = page.read_text(encoding="utf-8")
-    targets = re.findall(r"\]\(([^)]+)\)", text)
-    for target in targets:
-        place, _, anchor = target.partition("#")
-        if place.startswith("http"):
-            continue
-        linked = page.parent / place if place else page
-        assert linked.exists(), target
-        if anchor:
-            headings = re.findall(r"^#+ (.+)$", linked.read_text(encoding="utf-8"), re.MULTILINE)
-            assert anchor in {re.sub(r"[^\w -]", "", h).lower().replace(" ", "-") for h in headings}, target
+def test_links_lead_somewhere_also_from_the_package_index() -> None:
+    for page in PAGES:
+        for target in re.findall(r"\]\(([^)]+)\)", page.read_text(encoding="utf-8")):
+            place, _, anchor = target.partition("#")
+            if place.startswith("http"):
+                continue
+            linked = page.parent / place if place else page
+            assert linked.exists(), f"{page.name}: {target}"
+            headings = re.findall(r"^#+ (.+)$", linked.read_text(encoding="utf-8"), re.MULTILINE) if anchor else []
+            anchors = {re.sub(r"[^\w -]", "", heading).lower().replace(" ", "-") for heading in headings}
+            assert not anchor or anchor in anchors, f"{page.name}: {target}"
+    text = README.read_text(encoding="utf-8")
+    for rule in PYPROJECT["tool"]["hatch"]["metadata"]["hooks"]["fancy-pypi-readme"]["substitutions"]:
+        text = re.sub(rule["pattern"], rule["replacement"], text)
+        assert rule["replacement"].partition("](")[2].startswith(PROJECT["urls"]["Repository"])
+    assert [target for target in re.findall(r"\]\(([^)]+)\)", text) if not re.match("https?://|#", target)] == []
 
 
 def list_named() -> dict[str, tuple[Path, set[str]]]:
@@ -101,31 +104,24 @@ def list_named() -> dict[str, tuple[Path, set[str]]]:
     }
 
 
-@pytest.mark.parametrize("kind", list_named())
-def test_pages_name_all_that_there_is(kind: str) -> None:
-    page, words = list_named()[kind]
-    text = page.read_text(encoding="utf-8")
-    assert sorted(word for word in words if word not in text) == []
-
-
-def test_every_option_stands_on_a_page() -> None:
-    text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES if page.name != "CHANGELOG.md")
-    options = {name for one in list_commands().values() for parameter in one.params for name in parameter.opts}
-    assert not [name for name in sorted(options) if name.startswith("--") and not re.search(f"{name}(?![\\w-])", text)]
-
-
-def first_cells(page: Path) -> list[str]:
-    return [row[0].strip("`") for row in rows_of(page)]
+def test_pages_name_all_that_there_is() -> None:
+    for kind, (page, words) in list_named().items():
+        text = page.read_text(encoding="utf-8")
+        assert sorted(word for word in words if word not in text) == [], kind
 
 
 def test_tables_have_a_row_for_each_in_their_order() -> None:
     docs = ROOT / "docs"
-    assert [name for name in first_cells(docs / "formats.md") if name in FORMATS] == list(FORMATS)
-    assert [name for name in first_cells(docs / "export.md") if name.startswith(".")] == list(EXPORTS)
+    for page, known in (("formats.md", FORMATS), ("export.md", EXPORTS)):
+        cells = [row[0].strip("`") for row in rows_of(docs / page)]
+        assert [name for name in cells if name in known] == list(known)
     out = next(one for one in typer.main.get_command(app).commands["export"].params if one.name == "out")
     assert re.findall(r"\.[a-z]+", out.help) == list(EXPORTS)
     assert names_of(MAGNETIC_PAGE, "detector") == list(SURVEYED)
     assert names_of(MAGNETIC_PAGE, "`--method`") == list(CALIBRATIONS)
+    told = {row[0].strip("`"): row[2:] for row in rows_of(docs / "simulation.md") if row[0].strip("`") in SCENARIOS}
+    known = {name: [f"{one.worn}, `{one.prior.name}`", f"`{one.field}`"] for name, one in SCENARIOS.items()}
+    assert told == known
 
 
 def test_parameters_have_the_values_that_the_page_tells() -> None:
@@ -140,15 +136,18 @@ def test_parameters_have_the_values_that_the_page_tells() -> None:
     assert untold <= {"gravity", "convergence"}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_commands_and_options_exist(page: Path) -> None:
-    blocks = re.findall(r"```sh\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
-    lines = re.findall(r"(?:^|/|\| )fg-nav (?:lab )?(\w+)([^#\n]*)", "\n".join(blocks), re.MULTILINE)
-    commands = list_commands()
-    assert page != README or {name for name, _ in lines} == set(commands)
-    for name, rest in lines:
-        options = {option for parameter in commands[name].params for option in parameter.opts}
-        assert set(re.findall(r"--[\w-]+", rest)) <= options
+def test_pages_name_every_option_and_no_other() -> None:
+    commands, pages = list_commands(), {page: page.read_text(encoding="utf-8") for page in PAGES}
+    options = {name: {opt for parameter in one.params for opt in parameter.opts} for name, one in commands.items()}
+    for page, text in pages.items():
+        blocks = "\n".join(re.findall(r"```sh\n(.*?)```", text, re.DOTALL))
+        lines = re.findall(r"(?:^|/|\| )fg-nav (?:lab )?(\w+)([^#\n]*)", blocks, re.MULTILINE)
+        assert page != README or {name for name, _ in lines} == set(commands)
+        for name, rest in lines:
+            assert set(re.findall(r"--[\w-]+", rest)) <= options[name], f"{page.name}: {name}{rest}"
+    told = "\n".join(text for page, text in pages.items() if page.name != "CHANGELOG.md")
+    every = sorted({opt for own in options.values() for opt in own if opt.startswith("--")})
+    assert [opt for opt in every if not re.search(f"{opt}(?![\\w-])", told)] == []
 
 
 def test_python_example_runs(
@@ -159,21 +158,6 @@ def test_python_example_runs(
     monkeypatch.chdir(tmp_path)
     exec(code, {})
     assert "strides_detected" in capsys.readouterr().out
-
-
-def test_links_of_the_readme_are_absolute_in_the_package_index() -> None:
-    text = README.read_text(encoding="utf-8")
-    for rule in PYPROJECT["tool"]["hatch"]["metadata"]["hooks"]["fancy-pypi-readme"]["substitutions"]:
-        text = re.sub(rule["pattern"], rule["replacement"], text)
-        assert rule["replacement"].partition("](")[2].startswith(PROJECT["urls"]["Repository"])
-    assert [target for target in re.findall(r"\]\(([^)]+)\)", text) if not re.match("https?://|#", target)] == []
-
-
-def test_every_scenario_has_its_row() -> None:
-    rows = rows_of(ROOT / "docs/simulation.md")
-    told = {row[0].strip("`"): row[2:] for row in rows if row[0].strip("`") in SCENARIOS}
-    known = {name: [f"{one.worn}, `{one.prior.name}`", f"`{one.field}`"] for name, one in SCENARIOS.items()}
-    assert told == known
 
 
 def test_help_and_tables_have_every_method_and_preset() -> None:
@@ -191,15 +175,11 @@ def test_help_and_tables_have_every_method_and_preset() -> None:
     assert names_of(FILTERS_PAGE, "preset") == list(PRESETS)
 
 
-def test_scripts_that_pages_and_modules_name_exist() -> None:
+def test_files_that_pages_and_modules_name_exist() -> None:
     sources = [*PAGES, *(ROOT / "fg_nav").rglob("*.py"), *(ROOT / "scripts").rglob("*.py")]
     named = {name for page in sources if page.name != "CHANGELOG.md" for name in NAMED.findall(page.read_text("utf-8"))}
     assert "compare_ekf" in named
     assert not [name for name in sorted(named) if not (ROOT / "scripts" / f"{name}.py").exists()]
-
-
-def test_files_that_the_architecture_names_exist() -> None:
-    text = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
-    named = set(re.findall(r"`([\w/]+\.py)`", text))
+    named = set(re.findall(r"`([\w/]+\.py)`", (ROOT / "docs/architecture.md").read_text(encoding="utf-8")))
     roots = (ROOT, ROOT / "fg_nav", ROOT / "fg_nav/lab", ROOT / "fg_nav/lab/simulation", ROOT / "scripts")
     assert not [name for name in sorted(named) if not any((root / name).exists() for root in roots)]

@@ -3,6 +3,7 @@
 import ast
 import re
 from collections import defaultdict
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -37,7 +38,6 @@ def rows_of_page():
 
 
 ROWS, MODULES = rows_of_page()
-each_row = pytest.mark.parametrize("row", ROWS, ids=lambda row: row[0])
 
 
 def path_of(name):
@@ -49,6 +49,7 @@ def places_in(cell):
     return re.findall(r"`([\w/]+\.py)::([\w.]+)`", cell)
 
 
+@cache
 def names_in(path):
     """Docstring of each function, class, method and constant of a module, by its dotted name."""
     docs = {}
@@ -79,17 +80,15 @@ def test_every_equation_has_one_row():
     assert not twice, f"docs/equations.md has more than one row for {twice}"
 
 
-@each_row
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row[0])
 def test_code_and_test_are_there_and_the_code_cites_the_equation(row):
     assert row[4].startswith(READINGS), f"{row[0]}: begin the last cell with one of {READINGS}"
-    tests = places_in(row[3])
-    assert tests or row[4].startswith("left out: "), f"name the test of {row[0]} as `file.py::test_name`"
+    tests, places = places_in(row[3]), places_in(row[2])
+    assert row[4].startswith("left out: ") or (tests and places), f"name code and test of {row[0]} as `file.py::name`"
     for file, name in tests:
         path = ROOT / "tests" / file
         assert path.exists(), f"{row[0]}: there is no tests/{file}; put its new place into docs/equations.md"
         assert name in names_in(path), f"{row[0]}: tests/{file} has no {name}; put its new name into docs/equations.md"
-    places = places_in(row[2])
-    assert places or row[4].startswith("left out: "), f"name the code of {row[0]} as `file.py::name`, or leave it out"
     for file, name in places:
         path = path_of(file)
         assert path.exists(), f"{row[0]}: there is no fg_nav/{file}; put its new place into docs/equations.md"
@@ -121,10 +120,11 @@ def test_every_citation_in_the_code_has_a_row_that_names_its_file():
         assert not missing, f"{shown} cites {missing}: name it in their rows of docs/equations.md, or under Further"
 
 
-@pytest.mark.parametrize("folder", ["fg_nav", "factors", "tests", "scripts"])
-def test_equations_are_cited_in_one_style(folder):
+def test_equations_are_cited_in_one_style():
     """`Ma (26)`, so that grep finds all of them."""
     other = re.compile(r"\b(?:Ma|AIEZ|Zhang|Munoz Diaz|MD)(?:'s)?(?: \d{4})?,? (?:Eqs?\.|[Ee]quations?) ?\(?\d+")
-    for path in (ROOT / folder).rglob("*.py"):
+    for path in (
+        path for folder in ("fg_nav", "factors", "tests", "scripts") for path in (ROOT / folder).rglob("*.py")
+    ):
         found = other.findall(path.read_text(encoding="utf-8"))
         assert not found, f"{path.relative_to(ROOT)}: write {found} in the style `Ma (26)`"

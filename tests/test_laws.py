@@ -11,7 +11,10 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 LIBRARY = sorted({*ROOT.glob("fg_nav/**/*.py"), *ROOT.glob("fg_nav/factors/*.py")})
-BELOW_ESTIMATORS = ("io", "detection", "magnetic", "calibration", "evaluation", "samples", "columns")
+BELOW_ESTIMATORS = {
+    *("fg_nav.io", "fg_nav.detection", "fg_nav.magnetic", "fg_nav.calibration", "fg_nav.evaluation"),
+    *("fg_nav.samples", "fg_nav.columns"),
+}
 ESTIMATORS = {"fg_nav.ekf", "fg_nav.smoother"}
 TOP = {
     *("fg_nav.cli", "fg_nav.commands", "fg_nav.pipeline", "fg_nav.report", "fg_nav.walk"),
@@ -53,42 +56,34 @@ def importers_of(name):
     return {unit(module_name(path)) for path, units in IMPORTS.items() if name in units}
 
 
-def test_factors_need_gtsam_and_numpy_only():
-    allowed = set(sys.stdlib_module_names) | {"fg_nav.factors", "gtsam", "numpy"}
-    for path in LIBRARY:
-        if unit(module_name(path)) == "fg_nav.factors":
-            assert allowed >= IMPORTS[path], path.name
-
-
-@pytest.mark.parametrize("package", BELOW_ESTIMATORS)
-def test_the_ground_floor_knows_no_estimator(package):
-    for path in (ROOT / "fg_nav" / package).rglob("*.py"):
-        assert not IMPORTS[path] & (ESTIMATORS | TOP), path.name
-
-
-def test_estimators_do_not_know_each_other_nor_what_uses_them():
-    for path in LIBRARY:
-        own = unit(module_name(path))
+def test_each_floor_imports_those_below_it_alone():
+    """Factors need gtsam and numpy; the ground floor no estimator; estimators neither each other nor what uses them."""
+    for path, units in IMPORTS.items():
+        own, allowed = unit(module_name(path)), set(sys.stdlib_module_names) | {"fg_nav.factors", "gtsam", "numpy"}
+        if own == "fg_nav.factors":
+            assert units <= allowed, path.name
+        if own in BELOW_ESTIMATORS:
+            assert not units & (ESTIMATORS | TOP), path.name
         if own in ESTIMATORS:
-            assert not IMPORTS[path] & ((ESTIMATORS | TOP) - {own}), path.name
+            assert not units & ((ESTIMATORS | TOP) - {own}), path.name
 
 
+COMMANDS = {"fg_nav.cli", "fg_nav.commands", "fg_nav.lab.verbs"}
 DRAWING = {"fg_nav.lab.drawing", "fg_nav.lab.field_drawing"}  # Pictures of the laboratory.
 
 
-def test_the_report_is_imported_by_the_command_line_alone():
-    """The laboratory draws too. `Solution.save` and `.plot` find it by the package's names, as users do."""
-    commands = {"fg_nav.cli", "fg_nav.commands", "fg_nav.lab.verbs"}
-    assert importers_of("fg_nav.report") <= commands | {"fg_nav.report", "fg_nav.lab.reproduce", *DRAWING}
-    assert importers_of("fg_nav.lab.reproduce") <= commands | {"fg_nav.lab.reproduce"}
-    assert importers_of("fg_nav.lab.campaign") <= commands | {"fg_nav.lab.campaign", "fg_nav.lab.reproduce"}
-    assert importers_of("fg_nav.commands") <= commands
-    assert importers_of("fg_nav.cli") <= {"fg_nav.cli"}
-
-
-def test_gtsam_and_matplotlib_each_have_their_place():
-    assert importers_of("gtsam") <= {"fg_nav.smoother", "fg_nav.online", "fg_nav.factors"}
-    assert importers_of("matplotlib") <= {"fg_nav.report", "fg_nav.lab.reproduce", *DRAWING}
+def test_the_report_gtsam_and_matplotlib_each_have_their_place():
+    """The laboratory draws too. `Solution.save` and `.plot` find the report by the package's names, as users do."""
+    for name, allowed in (
+        ("fg_nav.report", COMMANDS | {"fg_nav.report", "fg_nav.lab.reproduce", *DRAWING}),
+        ("fg_nav.lab.reproduce", COMMANDS | {"fg_nav.lab.reproduce"}),
+        ("fg_nav.lab.campaign", COMMANDS | {"fg_nav.lab.campaign", "fg_nav.lab.reproduce"}),
+        ("fg_nav.commands", COMMANDS),
+        ("fg_nav.cli", {"fg_nav.cli"}),
+        ("gtsam", {"fg_nav.smoother", "fg_nav.online", "fg_nav.factors"}),
+        ("matplotlib", {"fg_nav.report", "fg_nav.lab.reproduce", *DRAWING}),
+    ):
+        assert importers_of(name) <= allowed, name
 
 
 RUNS_CODE = {"pickle", "marshal", "shelve", "dill", "cloudpickle", "joblib", "code", "runpy"}
@@ -104,25 +99,19 @@ def test_what_could_run_code_of_a_file_is_not_there():
 
 
 def test_imports_run_one_way():
-    """Between packages there is no circle; the package itself, which only names its public parts, is left out."""
-    graph = {}
+    """Between packages, and between modules of the smoother, there is no circle; the package itself is left out."""
+    graph, of_smoother = {}, {}
     for path, units in IMPORTS.items():
-        own = unit(module_name(path))
-        if own != "fg_nav":
-            graph.setdefault(own, set()).update(units & UNITS - {own})
-    assert len(graph) > 20
-    TopologicalSorter(graph).prepare()
-
-
-def test_modules_of_the_smoother_import_one_way():
-    """Nor is there a circle between its modules, imports for types alone counted too."""
-    graph = {}
-    for path in LIBRARY:
         name = module_name(path)
+        if unit(name) != "fg_nav":
+            graph.setdefault(unit(name), set()).update(units & UNITS - {unit(name)})
         if name.startswith("fg_nav.smoother."):
-            imports = (node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.ImportFrom))
-            graph[name] = {node.module for node in imports if node.module.startswith("fg_nav.smoother.")}
+            modules = {module_name(one) for one in LIBRARY} - {"fg_nav.smoother"}
+            of_smoother[name] = {one for one in imports_of(path) & modules if one.startswith("fg_nav.smoother.")}
+    assert len(graph) > 20
+    assert len(of_smoother) > 10
     TopologicalSorter(graph).prepare()
+    TopologicalSorter(of_smoother).prepare()
 
 
 def loaded_by(statement):
@@ -155,27 +144,25 @@ def test_nothing_heavy_is_loaded_unasked(statement, light):
     assert not loaded_by(statement) & light
 
 
-SLOW = {
-    "scipy.stats",
-    "scipy.signal",
-    "scipy.spatial",
-    "scipy.optimize",
-    "scipy.sparse",
-    "matplotlib",
-    "pydantic",
-}
+SLOW = {*(f"scipy.{name}" for name in ("stats", "signal", "spatial", "optimize", "sparse")), "matplotlib", "pydantic"}
 """Each takes a tenth of a second to half of one to load."""
 
 
-def test_a_walk_on_a_foot_needs_neither_pocket_nor_laboratory_nor_what_is_slow_to_load(tmp_path):
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory):
+    """A file with twenty seconds of a walk."""
     from fg_nav.io import write_canonical
     from fg_nav.lab.simulation import simulate
 
-    file = tmp_path / "walk.csv"
-    write_canonical(simulate("demo", 1).recording.slice(0, 2000), file)
+    file = tmp_path_factory.mktemp("laws") / "walk.csv"
+    write_canonical(simulate("demo", 1).recording.slice(0, 4000), file)
+    return file
+
+
+def test_a_walk_on_a_foot_needs_neither_pocket_nor_laboratory_nor_what_is_slow_to_load(walk, tmp_path):
     loaded = loaded_by(
         "import fg_nav; from fg_nav.pipeline import navigate; "
-        f"fg_nav.navigate({str(file)!r}, options=fg_nav.Options(mount='foot')).save({str(tmp_path / 'out')!r})"
+        f"fg_nav.navigate({str(walk)!r}, options=fg_nav.Options(mount='foot')).save({str(tmp_path / 'out')!r})"
     )
     assert {"fg_nav.smoother.batch", "fg_nav.report.page"} <= loaded
     # A walk with a magnetometer is calibrated by itself, which looks up who came by a place again in a tree.
@@ -183,36 +170,25 @@ def test_a_walk_on_a_foot_needs_neither_pocket_nor_laboratory_nor_what_is_slow_t
     assert not [name for name in loaded if name.startswith(("fg_nav.pocket", "fg_nav.lab"))]
 
 
-def list_names(tree):
-    """Names that the body of a module assigns or defines, as often as it does."""
-    names = []
-    for node in tree.body:
-        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
-            names.append(node.name)
-        elif isinstance(node, (ast.Assign, ast.AnnAssign)):
-            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
-            parts = [part for target in targets for part in ast.walk(target) if isinstance(part, ast.Name)]
-            names += [part.id for part in parts if isinstance(part.ctx, ast.Store)]
-    return names
-
-
 def test_no_module_assigns_a_name_twice():
     """Where two chapters are merged one constant could replace another, which ruff does not see."""
     for path in LIBRARY:
-        names = list_names(ast.parse(path.read_text()))
+        names = []
+        for node in ast.parse(path.read_text()).body:
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+                names.append(node.name)
+            elif isinstance(node, ast.Assign | ast.AnnAssign):
+                targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+                parts = [part for target in targets for part in ast.walk(target) if isinstance(part, ast.Name)]
+                names += [part.id for part in parts if isinstance(part.ctx, ast.Store)]
         assert not {name for name in names if names.count(name) > 1}, path.name
 
 
 def our_files():
     """Files of the project, as git knows them where it is there."""
     try:
-        listed = subprocess.run(
-            ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
-            cwd=ROOT,
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout.splitlines()
+        command = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
+        listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines()
     except (OSError, subprocess.CalledProcessError):
         listed = [str(path.relative_to(ROOT)) for path in [*LIBRARY, *ROOT.glob("tests/**/*.py")]]
     return [ROOT / name for name in listed if (ROOT / name).is_file()]
@@ -279,18 +255,7 @@ def note(frame, event, _):
 def start():
     threading.setprofile(note)
     sys.setprofile(note)
-def stop():
-    sys.setprofile(None)
-    print(len(seen))
 """
-
-
-def count_files(code, *arguments):
-    """Files of the library of which `code` runs a function between start() and stop(), in a process of its own."""
-    command = [sys.executable, "-c", FILES_PASSED + code, *map(str, arguments)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
-    return int(done.stdout.splitlines()[-1])
-
 
 RUN = """
 from fg_nav import cli
@@ -300,39 +265,32 @@ try:
     cli.main()
 except SystemExit as left:
     assert not left.code
-stop()
 """
 
 FOOTFALL = """
 from fg_nav import read
 from fg_nav.online import OnlineNavigator
-walk, at = read(sys.argv[1]), 0
-def push_until(footfalls):
-    global at
+walk, at, navigator = read(sys.argv[1]), 0, OnlineNavigator(background=True)
+for footfalls in (8, 9):
     while len(navigator.footfalls) < footfalls:
         part = slice(at, at + 10)
         navigator.push(walk.t[part], walk.acc[part], walk.gyr[part], walk.mag[part])
         at += 10
-navigator = OnlineNavigator(background=True)
-push_until(8)
-start()
-push_until(9)
-stop()
+    if footfalls == 8:
+        start()
+sys.setprofile(None)
 navigator.close()
 """
 
 
-def test_the_way_through_the_files_is_within_its_budget(tmp_path):
+def test_the_way_through_the_files_is_within_its_budget(walk, tmp_path):
     """How many files a reader has to open who follows a recording through `run`, or one footfall online."""
-    from fg_nav.io import write_canonical
-    from fg_nav.lab.simulation import simulate
-
-    file = tmp_path / "walk.csv"
-    write_canonical(simulate("demo", 1).recording.slice(0, 4000), file)
-    counts = {
-        "fg-nav run": [count_files(RUN, file, tmp_path / "out")],
-        "one footfall online": [count_files(FOOTFALL, file)],
-    }
+    counts = {}
+    for name, code in (("fg-nav run", RUN), ("one footfall online", FOOTFALL)):
+        command = [sys.executable, "-c", f"{FILES_PASSED}{code}\nsys.setprofile(None)\nprint(len(seen))"]
+        command += [str(walk), str(tmp_path / "out")]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+        counts[name] = [int(done.stdout.splitlines()[-1])]
     budget = read_budget("way")
     assert budget.keys() == counts.keys()
     assert {name: counts[name] for name in budget if not is_within(counts[name], budget[name])} == {}

@@ -76,7 +76,7 @@ def test_every_public_name_shows_an_example() -> None:
 
 
 def test_examples_are_true(walk: Recording) -> None:
-    finder, runner = doctest.DocTestFinder(), doctest.DocTestRunner()
+    finder, runner = doctest.DocTestFinder(), doctest.DocTestRunner(verbose=False)  # else as `pytest -v` is
     said: list[str] = []
     for name in dir(fg_nav):
         for example in finder.find(getattr(fg_nav, name), name, globs=NAMES):

@@ -37,9 +37,8 @@ def test_a_third_of_the_fixes_off_by_fifty_sigmas_moves_a_walk_by_a_tenth_of_one
     assert np.linalg.norm(shift) < 0.1 * sigma_m
 
 
-@pytest.mark.parametrize(
-    ("fixes", "words"),
-    [
+def test_fixes_that_cannot_be() -> None:
+    for fixes, words in (
         ([fix(50.0, 0.0), fix(50.5, 1000.0)], "50.50 s is 1000 m from that at 50.00 s, in 0.5 s, faster than anyone"),
         ([fix(50.0, 0.0), fix(50.0, 5.0)], "is 5 m from that at 50.00 s"),
         ([fix(50.0, 0.0), fix(50.1, 0.0, sigma=99.0), fix(50.2, 80.0)], "50.20 s is 80 m from that at 50.00 s"),
@@ -49,25 +48,19 @@ def test_a_third_of_the_fixes_off_by_fifty_sigmas_moves_a_walk_by_a_tenth_of_one
         ([fix(50.0, 1e300)], "cannot be: give its place within 1e[+]07 m"),
         ([fix(50.0, 1.0, sigma=1e300)], "a sigma from 0.0001 to 1e[+]07 m"),
         ([fix(50.0, np.nan)], "finite position"),
-    ],
-)
-def test_fixes_that_cannot_be(fixes: list[Fix], words: str) -> None:
-    with pytest.raises(EstimationError, match=words) as caught:
-        check_fixes(fixes, T)
-    assert "\n" not in str(caught.value)
+    ):
+        with pytest.raises(EstimationError, match=rf"^[^\n]*{words}[^\n]*$"):
+            check_fixes(fixes, T)
 
 
-def test_a_fix_is_no_farther_than_what_was_walked() -> None:
+def test_a_fix_is_no_farther_than_what_was_walked_or_could_have_been_in_a_gap() -> None:
     # places in degrees pass by time alone; so does another walk's
     t, path = np.array([0.0, 50.0, 99.0]), np.outer([0.0, 20.0, 40.0], [1.0, 0.0, 0.0])
     for far in ([fix(60.0, 11.6, 48.1)], [fix(60.0, 24.0), fix(70.0, 60.0)]):
         check_fixes(far, T)
         with pytest.raises(EstimationError, match="m were walked: give places in m from the start"):
             check_fixes_on_path(far, t, path, np.zeros(3))
-
-
-def test_behind_a_gap_a_fix_may_be_as_far_as_one_comes_in_it() -> None:
-    """Ten seconds without samples, in which the path stays where it was."""
+    # ten seconds without samples, in which the path stays where it was
     t, path, unseen_s = np.array([0.0, 50.0, 60.0, 99.0]), np.zeros((4, 3)), np.array([0.0, 0.0, 10.0, 10.0])
     check_fixes_on_path([fix(61.0, 60.0)], t, path, unseen_s)
     with pytest.raises(EstimationError, match="0 m were walked"):

@@ -2,67 +2,61 @@
 
 from __future__ import annotations
 
+import gzip
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
 from fg_nav.recording import RawRecording
-from tests.io.foreign_phones import PHONES, Phone, write_files
-from tests.io.foreign_sensors import FOREIGN, write_metawear, write_ximu3
-from tests.io.samples import NEEDS, TABLES, WRITERS
+from tests.io.foreign_phones import PHONES, sensor_logger, write_files, zip_files
+from tests.io.foreign_sensors import FOREIGN, write_bag, write_metawear, write_ximu3
+from tests.io.samples import NEEDS, TABLES, WRITERS, write_canonical
 
 
 @dataclass(frozen=True)
 class Sample:
-    """How a sample is written into a folder, as what it is to be read, within which digits, and what is to be said."""
+    """How a sample is written, as what it is to be read, within which digits, and what is to be said."""
 
-    write: Callable[[RawRecording, Path], Path]  # returns what is read
+    write_to: Callable[[RawRecording, Path], object]
     format: str
     digits: float = 2e-7
     sensor: str | None = None
     late: bool = False  # whether the accelerometer has a clock of its own, as `foreign_phones` writes it
+    name: str = ""  # of the file or folder, where it matters
+
+    def write(self, raw: RawRecording, folder: Path) -> Path:
+        """Write it into a folder; return what is read."""
+        path = folder / (self.name or "walk.mat")  # a name that scipy does not change
+        self.write_to(raw, path)
+        return path if self.name else path.rename(folder / "walk.dat")
 
 
-def _write_one(write: Callable[[RawRecording, Path], None], raw: RawRecording, folder: Path) -> Path:
-    path = folder / "walk.mat"  # a name that scipy does not change
-    write(raw, path)
-    return path.rename(folder / "walk.dat")
-
-
-def _write_named(name: str, write: Callable[[RawRecording, Path], object], raw: RawRecording, folder: Path) -> Path:
-    write(raw, folder / name)
-    return folder / name
-
-
-def _write_folder(write: Callable[[RawRecording, Path], None], raw: RawRecording, folder: Path) -> Path:
-    write(raw, folder / "walk")
-    return folder / "walk"
-
-
-def _write_phone(phone: Phone, raw: RawRecording, folder: Path) -> Path:
-    return write_files(phone.files(raw), folder / "walk.dat")
+def _write_gzip(raw: RawRecording, path: Path) -> None:
+    write_canonical(raw, path)
+    path.write_bytes(gzip.compress(path.read_bytes()))
 
 
 SAMPLES: Mapping[str, Sample] = {
-    **{kind: Sample(partial(_write_one, write), format) for kind, (format, write) in WRITERS.items()},
+    **{kind: Sample(write, format) for kind, (format, write) in WRITERS.items()},
+    **{kind: Sample(*one) for kind, one in FOREIGN.items()},
     **{
-        kind: Sample(partial(_write_one, one.write), one.format, one.digits, one.sensor)
-        for kind, one in FOREIGN.items()
+        kind: Sample(lambda raw, path, p=p: write_files(p.files(raw), path), p.format, p.digits, None, p.own_clocks)
+        for kind, p in PHONES.items()
     },
     **{
-        kind: Sample(partial(_write_phone, phone), phone.format, phone.digits, late=phone.own_clocks)
-        for kind, phone in PHONES.items()
+        name: Sample(write, "table", name=name) for name, write in TABLES.items() if find_spec(NEEDS.get(name, "numpy"))
     },
+    "metawear": Sample(write_metawear, "metawear", 1e-9, name="walk"),
+    "x-IMU3": Sample(write_ximu3, "xio", 1e-9, name="walk"),
+    "walk.zip": Sample(lambda raw, path: zip_files(sensor_logger(raw), path), "sensor-logger", late=True),
+    "walk.csv.gz": Sample(_write_gzip, "canonical"),
     **{
-        name: Sample(partial(_write_named, name, write), "table")
-        for name, write in TABLES.items()
-        if find_spec(NEEDS.get(name, "numpy"))
+        kind: Sample(write_bag, "ros", 1e-9, name=name)
+        for kind, name in (("bag", "walk.bag"), ("mcap", "walk.mcap"), ("db3", "walk"))
+        if find_spec("rosbags")
     },
-    "metawear": Sample(partial(_write_folder, write_metawear), "metawear", 1e-9),
-    "x-IMU3": Sample(partial(_write_folder, write_ximu3), "xio", 1e-9),
 }
 
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import RawRecording
+from tests.io.samples import axes, tabulate
 
 DEVICE = (("property", "value"), ("version", "1.1.16"), ("deviceModel", "P1"))
 
@@ -31,32 +32,26 @@ PHYPHOX_HEADERS = {
 
 def phyphox(raw: RawRecording, separator: str = ",", decimal: str = ".", short: bool = False) -> Files:
     """Each sensor in a file, with a header of either kind."""
-    files = {}
-    for name, t, xyz in _sensors(raw, "Accelerometer", "Gyroscope", "Magnetometer"):
+    files, none = {}, np.zeros((0, 3))
+    for name, t, xyz in (*_sensors(raw), ("Linear Accelerometer", none[:, 0], none)):
         words, unit = PHYPHOX_HEADERS[name]
-        axes = [f'"{axis.upper() if short else words.format(axis)} ({unit})"' for axis in "xyz"]
-        rows = [separator.join(f"{v:.9E}".replace(".", decimal) for v in row) for row in np.column_stack([t, xyz])]
-        files[f"{name}.csv"] = "\n".join([separator.join(['"Time (s)"', *axes]), *rows]) + "\n"
-    linear = PHYPHOX_HEADERS["Linear Accelerometer"]
-    axes = ["X", "Y", "Z"] if short else [linear[0].format(axis) for axis in "xyz"]
-    head = separator.join(['"Time (s)"', *(f'"{axis} (m/s^2)"' for axis in axes)])
-    last = f"{raw.t[-1]:.15E}".replace(".", decimal)
-    meta = ['"event"{0}"experiment time"{0}"system time"', f'"START"{{0}}0{decimal}0{{0}}100{decimal}0']
-    meta += [f'"PAUSE"{{0}}{last}{{0}}200{decimal}0']
+        names = axes(f'"{{}} ({unit})"') if short else axes(f'"{words} ({unit})"', letters="xyz")
+        rows = tabulate([], [t, xyz], separator, "{:.9E}").replace(".", decimal)
+        files[f"{name}.csv"] = separator.join(['"Time (s)"', *names]) + rows
+    times = [('"event"', '"experiment time"', '"system time"'), ('"START"', "0.0", "100.0")]
+    times.append(('"PAUSE"', f"{raw.t[-1]:.15E}", "200.0"))
     return {
         **files,
-        "Linear Accelerometer.csv": head + "\n",
         "meta/device.csv": "\n".join(f'"{key}"{separator}"{value}"' for key, value in DEVICE) + "\n",
-        "meta/time.csv": "\n".join(meta).format(separator) + "\n",
+        "meta/time.csv": "\n".join(separator.join(line).replace(".", decimal) for line in times) + "\n",
     }
 
 
 def phyphox_in_one(raw: RawRecording) -> Files:
     """All sensors of one experiment on one clock, short columns filled with NaN."""
-    names = [f"{words.format(axis)} ({unit})" for words, unit in PHYPHOX_HEADERS.values() for axis in "xyz"]
+    names = axes(*(f'"{words} ({unit})"' for words, unit in PHYPHOX_HEADERS.values()), letters="xyz")
     mag = np.where(np.arange(len(raw.t))[:, None] < len(raw.t) - 20, raw.mag, np.nan)
-    table = np.column_stack([raw.t, raw.acc, 0.0 * raw.acc, raw.gyr, mag])
-    return {"": _csv(["Time (s)", *names], table, "{:.9E}")}
+    return {"": tabulate(['"Time (s)"', *names], [raw.t, raw.acc, 0.0 * raw.acc, raw.gyr, mag], form="{:.9E}")}
 
 
 def sensor_logger(raw: RawRecording, kind: str = "ios") -> Files:
@@ -64,23 +59,17 @@ def sensor_logger(raw: RawRecording, kind: str = "ios") -> Files:
     sign = -1.0 if kind in ("ios", "raw") else 1.0
     gravity = np.tile([0.0, 0.6 * GRAVITY_M_S2, 0.8 * GRAVITY_M_S2], (len(raw.t) - 1, 1))
     files = {"Annotation.csv": "", "Barometer.csv": "time,seconds_elapsed,pressure\n1,2,1013\n"}
-    for name, t, xyz in _sensors(raw, "Accelerometer", "Gyroscope", "Magnetometer"):
-        tables = {name: xyz}
+    for name, t, xyz in _sensors(raw):
+        tables = {name + "Uncalibrated" * (kind == "raw" and name == "Gyroscope"): xyz}
         if name == "Accelerometer":
             tables = {name: sign * (xyz - gravity), "Gravity": sign * gravity}
             tables |= {"TotalAcceleration": xyz} if kind == "android" else {}
-            tables |= {"AccelerometerUncalibrated": sign * xyz / GRAVITY_M_S2} if kind == "raw" else {}
             tables |= {"AccelerometerUncalibrated": xyz} if kind == "bare" else {}
+            tables = {"AccelerometerUncalibrated": sign * xyz / GRAVITY_M_S2} if kind == "raw" else tables
+        stamps = [str(START_NS + round(one * 1e9)) for one in t]
         for table, values in tables.items():
-            stamps = START_NS + np.rint(t * 1e9).astype(np.int64)
-            rows = [
-                f"{s},{e!r},{z!r},{y!r},{x!r}"
-                for s, e, (x, y, z) in zip(stamps, t.tolist(), values.tolist(), strict=True)
-            ]
-            files[f"{table}.csv"] = "\n".join(["time,seconds_elapsed,z,y,x", *rows]) + "\n"
-    if kind == "raw":
-        files = {name: text for name, text in files.items() if name not in ("Accelerometer.csv", "Gravity.csv")}
-        files = {name.replace("Gyroscope", "GyroscopeUncalibrated"): text for name, text in files.items()}
+            names = ["time", "seconds_elapsed", "z", "y", "x"]
+            files[f"{table}.csv"] = tabulate(names, [stamps, t, values[:, ::-1]])
     standardised, platform = str(kind == "standardised").lower(), "android" if kind == "android" else "ios"
     if kind not in ("raw", "bare"):
         head = "version,device name,platform,appVersion,standardisation"
@@ -90,48 +79,40 @@ def sensor_logger(raw: RawRecording, kind: str = "ios") -> Files:
 
 def sensorlog(raw: RawRecording, separator: str = ",") -> Files:
     """One row a sample, the force in g with Apple's sign, each sensor with stamps of its own."""
-    head = ["loggingTime(txt)", "accelerometerTimestamp_sinceReboot(s)", *_names("accelerometerAcceleration{}(G)")]
-    head += ["motionTimestamp_sinceReboot(s)", *_names("motionRotationRate{}(rad/s)")]
-    lines = [separator.join([*head, *_names("motionMagneticField{}(µT)"), "activity(txt)"])]
-    assert raw.mag is not None
+    names = ["loggingTime(txt)", "accelerometerTimestamp_sinceReboot(s)", *axes("accelerometerAcceleration{}(G)")]
+    names += ["motionTimestamp_sinceReboot(s)", *axes("motionRotationRate{}(rad/s)", "motionMagneticField{}(µT)")]
     late, force = _late(raw)
-    start = 251699.0
-    table = np.column_stack([start + late, -force / GRAVITY_M_S2, start + raw.t[:-1], raw.gyr[:-1], raw.mag[:-1]])
-    for row in table:
-        fields = [f"{v:.9f}" for v in row]
-        lines.append(separator.join(["2026-05-26T14:17:24.702+02:00", *fields, "unknown"]))
-    return {"": "\n".join(lines) + "\n"}
+    day, unknown = ([word] * len(late) for word in ("2026-05-26T14:17:24.702+02:00", "unknown"))
+    columns = [day, 251699.0 + late, -force / GRAVITY_M_S2, 251699.0 + raw.t[:-1], raw.gyr[:-1], raw.mag[:-1], unknown]
+    return {"": tabulate([*names, "activity(txt)"], columns, separator, "{:.9f}")}
 
 
 def androsensor(raw: RawRecording) -> Files:
-    names = [*_names("ACCELEROMETER {} (m/s²)"), *_names("LINEAR ACCELERATION {} (m/s²)")]
-    names += [*_names("GYROSCOPE {} (rad/s)"), *_names("MAGNETIC FIELD {} (μT)")]
-    table = np.column_stack([raw.acc, 0.0 * raw.acc, raw.gyr, raw.mag, np.rint(1e3 * raw.t)])
-    rows = [";".join(f"{v:.5f}" for v in row[:-1]) + f";{row[-1]:.0f};2022-10-22 18:36:24:895" for row in table]
-    return {"": "\n".join([";".join([*names, "Time since start in ms ", "YYYY-MO-DD HH-MI-SS_SSS"]), *rows]) + "\n"}
+    names = axes("ACCELEROMETER {} (m/s²)", "LINEAR ACCELERATION {} (m/s²)", "GYROSCOPE {} (rad/s)")
+    names += [*axes("MAGNETIC FIELD {} (μT)"), "Time since start in ms ", "YYYY-MO-DD HH-MI-SS_SSS"]
+    clocks = [[f"{1e3 * t:.0f}", "2022-10-22 18:36:24:895"] for t in raw.t]
+    return {"": tabulate(names, [raw.acc, 0.0 * raw.acc, raw.gyr, raw.mag, clocks], ";", "{:.5f}")}
 
 
 def physics_toolbox(raw: RawRecording) -> Files:
     """A row for each sample of any sensor; the others hold theirs, 0 before the first."""
-    groups = (("gF", raw.acc / GRAVITY_M_S2), ("a", 0.1 * raw.acc), ("w", raw.gyr), ("B", raw.mag))
-    names = ["time", *(f"{name}{axis}" for name, _ in groups for axis in "xyz")]
-    held, lines = np.zeros(12), []
-    for k, t in enumerate(raw.t):
-        for sensor, (_, values) in enumerate(groups):
-            held[3 * sensor : 3 * sensor + 3] = values[k]
-            lines.append(f"{t + 1e-6 * sensor:.6f}," + ",".join(f"{v:.6f}" for v in held) + ",")
-    return {"": "\n" + "\n".join([",".join(names) + ",", *lines]) + "\n"}
+    names = ["time", *axes("gF{}", "a{}", "w{}", "B{}", letters="xyz"), ""]
+    table = np.hstack([raw.acc / GRAVITY_M_S2, 0.1 * raw.acc, raw.gyr, raw.mag])
+    held = np.repeat(table, 4, axis=0)
+    for k in range(3):  # the sensors after this one have not come yet
+        held[k::4, 3 * (k + 1) :] = np.vstack([np.zeros(12), table[:-1]])[:, 3 * (k + 1) :]
+    t = np.repeat(raw.t, 4) + 1e-6 * np.tile(np.arange(4), len(raw.t))
+    return {"": "\n" + tabulate(names, [t, held, [""] * len(t)], form="{:.6f}")}
 
 
 def hyperimu(raw: RawRecording, clock: bool = True) -> Files:
-    names = [f"MPL_{name}.{axis}" for name in ("Gyroscope", "Accelerometer", "Magnetic_Field") for axis in "xyz"]
-    step = round(1e3 * float(np.median(np.diff(raw.t))))
-    lines = ["@ HyperIMU - ianovir - 2017", f"@ Date: Sat Nov 11 15:39:03 GMT+01:00 2017, Sampling Time: {step}ms", ""]
-    lines.append(",".join([*(["timestamp"] if clock else []), *names]))
-    for k, row in enumerate(np.column_stack([raw.gyr, raw.acc, raw.mag])):
-        stamp = [str(1_510_411_143_791 + round(1e3 * raw.t[k]))] if clock else []
-        lines.append(",".join([*stamp, *(f"{v:.7f}" for v in (0.0 * row if k == 0 else row))]))
-    return {"": "\n".join(lines) + "\n"}
+    names = axes("MPL_Gyroscope.{}", "MPL_Accelerometer.{}", "MPL_Magnetic_Field.{}", letters="xyz")
+    step, table = round(1e3 * float(np.median(np.diff(raw.t)))), np.column_stack([raw.gyr, raw.acc, raw.mag])
+    table[0] = 0.0
+    stamps = [str(1_510_411_143_791 + round(1e3 * t)) for t in raw.t]
+    text = tabulate(["timestamp", *names], [stamps, table]) if clock else tabulate(names, [table])
+    day = "Sat Nov 11 15:39:03 GMT+01:00 2017"
+    return {"": f"@ HyperIMU - ianovir - 2017\n@ Date: {day}, Sampling Time: {step}ms\n\n{text}"}
 
 
 def gnss_logger(raw: RawRecording) -> Files:
@@ -203,16 +184,8 @@ def _late(raw: RawRecording) -> tuple[np.ndarray, np.ndarray]:
     return t, np.column_stack([np.interp(t, raw.t, column) for column in raw.acc.T])
 
 
-def _sensors(raw: RawRecording, acc: str, gyr: str, mag: str) -> list[tuple[str, np.ndarray, np.ndarray]]:
-    """Stamps and samples of each sensor on its own clock."""
+def _sensors(raw: RawRecording) -> list[tuple[str, np.ndarray, np.ndarray]]:
+    """Name, stamps and samples of each sensor on its own clock."""
     assert raw.mag is not None
-    return [(acc, *_late(raw)), (gyr, raw.t, raw.gyr), (mag, raw.t[::2], raw.mag[::2])]
-
-
-def _names(pattern: str) -> list[str]:
-    return [pattern.format(axis) for axis in "XYZ"]
-
-
-def _csv(names: list[str], table: np.ndarray, form: str) -> str:
-    rows = [",".join(form.format(v) for v in row) for row in table]
-    return "\n".join([",".join(f'"{name}"' for name in names), *rows]) + "\n"
+    gyr, mag = ("Gyroscope", raw.t, raw.gyr), ("Magnetometer", raw.t[::2], raw.mag[::2])
+    return [("Accelerometer", *_late(raw)), gyr, mag]

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import RawRecording
+from tests.io.samples import axes, tabulate
 
 EPOCH_MS = 1_595_933_810_034  # Start of the files that have the time of day, ms since 1970.
 
@@ -27,21 +28,15 @@ _MT_LINES = (
 )
 
 
-def write_xsens_mt(raw: RawRecording, path: Path, separator: str = "\t", fine: bool = False, **_: object) -> None:
+def write_xsens_mt(raw: RawRecording, path: Path, separator: str = "\t", fine: bool = False) -> None:
     """With empty columns of time and a counter that begins again; packet 7 is lost."""
-    names = ["PacketCounter", "SampleTimeFine", "Year", *_axes("Acc"), *_axes("Gyr"), *_axes("Mag")]
-    lines = [line.format(rate=_rate(raw)) for line in _MT_LINES] + [separator.join(names)]
-    for k in range(len(raw.t)):
-        stamp = str(round(864_000_000 - 100 + raw.t[k] * 1e4) % 864_000_000) if fine else ""
-        fields = [f"{(65500 + k) % 65536:05d}", stamp, ""]
-        fields += [f"{value:.6f}" for value in (*raw.acc[k], *raw.gyr[k], *raw.mag[k] / 48.0)]
-        if k != 7:
-            lines.append(separator.join(fields))
-    path.write_text("\n".join(lines) + "\n")
-
-
-def _axes(name: str, pattern: str = "{}_{}") -> list[str]:
-    return [pattern.format(name, axis) for axis in "XYZ"]
+    k = np.delete(np.arange(len(raw.t)), 7)
+    names = ["PacketCounter", "SampleTimeFine", "Year", *axes("Acc_{}", "Gyr_{}", "Mag_{}")]
+    counter = [f"{count % 65536:05d}" for count in 65500 + k]
+    stamps = [str(round(864_000_000 - 100 + t * 1e4) % 864_000_000) if fine else "" for t in raw.t[k]]
+    columns = [counter, stamps, [""] * len(k), raw.acc[k], raw.gyr[k], raw.mag[k] / 48.0]
+    above = "\n".join(_MT_LINES).format(rate=_rate(raw))
+    path.write_text(f"{above}\n{tabulate(names, columns, separator, '{:.6f}')}")
 
 
 def _rate(raw: RawRecording) -> float:
@@ -51,30 +46,28 @@ def _rate(raw: RawRecording) -> float:
 def write_xsens_dot(raw: RawRecording, path: Path, increments: bool = False) -> None:
     """A recording of the app: us that begin again after 2^32, the first row of zeros, no magnetometer."""
     keys = ["sep=,", "DeviceTag:,LF", "FirmwareVersion:,2.1.0", "AppVersion:,2023.6.1", "OutputRate:,60Hz", " 2024", ""]
-    quantities = ["dq_W", *_axes("dq"), "dv[1]", "dv[2]", "dv[3]"] if increments else [*_axes("Acc"), *_axes("Gyr")]
-    lines = [*keys, ",".join(["PacketCounter", "SampleTimeFine", *quantities])]
     if increments:
+        names = ["dq_W", *axes("dq_{}"), "dv[1]", "dv[2]", "dv[3]"]
         turns = Rotation.from_rotvec(raw.gyr / _rate(raw)).as_quat(scalar_first=True)
         samples = np.hstack([turns, raw.acc / _rate(raw)])
     else:
-        samples = np.hstack([raw.acc, np.rad2deg(raw.gyr)])
+        names, samples = axes("Acc_{}", "Gyr_{}"), np.hstack([raw.acc, np.rad2deg(raw.gyr)])
         samples[0] = 0.0
-    for k, values in enumerate(samples):
-        stamp = round(2**32 - 50_000 + raw.t[k] * 1e6) % 2**32
-        lines.append(", ".join([f"{k + 1}", f"{stamp}", *(f"{value:.12f}" for value in values)]))
-    path.write_text("\n".join(lines) + "\n")
+    clocks = [[str(k + 1), str(round(2**32 - 50_000 + t * 1e6) % 2**32)] for k, t in enumerate(raw.t)]
+    rows = tabulate([], [clocks, samples], ", ", "{:.12f}").lstrip()
+    path.write_text("\n".join([*keys, ",".join(["PacketCounter", "SampleTimeFine", *names]), rows]))
 
 
 def write_dot_sdk(raw: RawRecording, path: Path, rad: bool = False, attitude: bool = False) -> None:
     """A log of the PC SDK: all keys in one line, 0.1 ms, four digits, and a last row that was cut."""
-    names = ["SampleTimeFine", *_axes("Acc"), *_axes("Gyr"), *_axes("Mag")]
-    columns = [np.round(1000.0 + raw.t * 1e4), raw.acc, raw.gyr if rad else np.rad2deg(raw.gyr), raw.mag / 48.0]
+    names = ["SampleTimeFine", *axes("Acc_{}", "Gyr_{}", "Mag_{}")]
+    stamps = [f"{1000.0 + t * 1e4:.0f}" for t in raw.t]
+    columns = [stamps, raw.acc, raw.gyr if rad else np.rad2deg(raw.gyr), raw.mag / 48.0]
     if attitude:
-        names += ["Quat_W", *_axes("Quat")]
+        names += ["Quat_W", *axes("Quat_{}")]
         columns.append(_integrate(raw).as_quat(scalar_first=True))
-    lines = ["DeviceTag: Movella DOT,FirmwareVersion: 3.0.0,AppVersion: 2023.6.0,OutputRate: 60", ",".join(names)]
-    lines += [f"{row[0]:.0f}," + ",".join(f"{value:.4f}" for value in row[1:]) for row in np.column_stack(columns)]
-    path.write_text("\n".join([*lines, f"{1000 + raw.t[-1] * 1e4 + 50:.0f}"]) + "\n")
+    keys = "DeviceTag: Movella DOT,FirmwareVersion: 3.0.0,AppVersion: 2023.6.0,OutputRate: 60"
+    path.write_text(f"{keys}\n{tabulate(names, columns, form='{:.4f}')}{1000 + raw.t[-1] * 1e4 + 50:.0f}\n")
 
 
 def write_movesense(raw: RawRecording, path: Path, separate: bool = False) -> None:
@@ -94,26 +87,29 @@ def write_movesense(raw: RawRecording, path: Path, separate: bool = False) -> No
     path.write_text(json.dumps({"Meas": blocks}))
 
 
-def write_shimmer(raw: RawRecording, path: Path, formatted: bool = False, wide: bool = False) -> None:
+SHIMMER_CLOCKS: dict[str, tuple[str, Callable[[int], str]]] = {
+    "Timestamp_Unix": ("ms", lambda ms: f"{(EPOCH_MS + ms) / 1e12:.12f}E12"),
+    "Timestamp_FormattedUnix": (
+        "yyyy/mm/dd hh:mm:ss.000",
+        lambda ms: pd.Timestamp(EPOCH_MS + ms, unit="ms").strftime("%Y/%m/%d %H:%M:%S.%f")[:-3],
+    ),
+    "Timestamp": ("ms", lambda ms: str(1000 + 2 * ms)),  # a clock that runs at the double rate, to tell it from others
+}
+
+
+def write_shimmer(
+    raw: RawRecording, path: Path, formatted: bool = False, wide: bool = False, clocks: tuple[str, ...] = ()
+) -> None:
     """With the separator told, a row of units, CRLF, a separator at the end, and both accelerometers."""
-    device = "Shimmer_40AC_"
-    clock, unit = ("FormattedUnix", "yyyy/mm/dd hh:mm:ss.000") if formatted else ("Unix", "ms")
-    names = [f"Timestamp_{clock}_CAL", *_axes("Accel_WR", "{}_{}_CAL")]
-    units, columns = [unit, *["m/(s^2)"] * 3], [raw.acc if wide else raw.acc[:, ::-1]]
-    if not wide:
-        names += _axes("Accel_LN", "{}_{}_CAL")
-        units += ["m/(s^2)"] * 3
-        columns.append(raw.acc)
-    names += [*_axes("Gyro", "{}_{}_CAL"), *_axes("Mag", "{}_{}_CAL")]
+    clocks = clocks or ("Timestamp_FormattedUnix" if formatted else "Timestamp_Unix",)
+    names = [*clocks, *axes("Accel_WR_{}", *([] if wide else ["Accel_LN_{}"]), "Gyro_{}", "Mag_{}")]
+    units = [*(SHIMMER_CLOCKS[clock][0] for clock in clocks), *["m/(s^2)"] * (3 if wide else 6)]
+    times = [[SHIMMER_CLOCKS[clock][1](round(t * 1e3)) for t in raw.t] for clock in clocks]
+    acc = [raw.acc] if wide else [raw.acc[:, ::-1], raw.acc]
+    columns = [*times, *acc, np.rad2deg(raw.gyr), raw.mag / 48.0, [""] * len(raw.t)]
     units += [*["deg/s"] * 3, *["local_flux"] * 3]
-    table = np.hstack([*columns, np.rad2deg(raw.gyr), raw.mag / 48.0])
-    lines = ['"sep=;"', ";".join(device + name for name in names) + ";", ";".join(units) + ";"]
-    for k, row in enumerate(table):
-        ms = EPOCH_MS + round(raw.t[k] * 1e3)
-        text = (
-            pd.Timestamp(ms, unit="ms").strftime("%Y/%m/%d %H:%M:%S.%f")[:-3] if formatted else f"{ms / 1e12:.12f}E12"
-        )
-        lines.append(";".join([text, *(repr(value) for value in row.tolist())]) + ";")
+    table = tabulate([*(f"Shimmer_40AC_{name}_CAL" for name in names), ""], columns, ";").splitlines()
+    lines = ['"sep=;"', table[0], ";".join([*units, ""]), *table[1:]]
     path.write_bytes(("\r\n".join(lines) + "\r\n").encode())
 
 
@@ -121,87 +117,80 @@ def write_apdm(raw: RawRecording, path: Path, paths: bool = False) -> None:
     """Two sensors, of which the second is the recording and the first stands on its head."""
     sensors = {"Lumbar": -1.0, "Left Foot": 1.0}
     values = [np.hstack([sign * raw.acc, sign * raw.gyr, sign * raw.mag]) for sign in sensors.values()]
-    words = ("Acceleration", "Angular Velocity", "Magnetic Field")
     if paths:
-        header = ["Time", *(f"{name}/{word}/{axis}" for name in sensors for word in words for axis in "XYZ")]
-        units = ["s", *["m/s^2"] * 3, *["rad/s"] * 3, *["uT"] * 3, *["m/s^2"] * 3, *["rad/s"] * 3, *["uT"] * 3]
-        lines = ["Test Name:,Walk", "Sample Rate:,100,Hz", ",".join(header), ",".join(units)]
+        words = ("Acceleration", "Angular Velocity", "Magnetic Field")
+        header = ["Time", *axes(*(f"{name}/{word}/{{}}" for name in sensors for word in words))]
+        units = ["s", *[*["m/s^2"] * 3, *["rad/s"] * 3, *["uT"] * 3] * 2]
+        above = ["Test Name:,Walk", "Sample Rate:,100,Hz", ",".join(header), ",".join(units)]
         time = [f"{t:.6f}" for t in raw.t]
     else:
         block = ["Accelerometer", "", "", "Gyroscope", "", "", "Magnetometer", "", "", "Barometer"]
         numbers = "".join(f",{5718 + k},,,{name},,,,,," for k, name in enumerate(sensors))
-        lines = [f"Format=7{numbers}", ",".join(["Time", *block, *block]), "," + ",".join([*"XYZXYZXYZ", ""] * 2)]
+        above = [f"Format=7{numbers}", ",".join(["Time", *block, *block]), "," + ",".join([*"XYZXYZXYZ", ""] * 2)]
         values = [np.column_stack([part, np.full(len(raw.t), 4636858284341460992.0)]) for part in values]
         time = [f"{EPOCH_MS * 1000 + round(t * 1e6)}" for t in raw.t]
-    for k, stamp in enumerate(time):
-        lines.append(",".join([stamp, *(f"{value:.6f}" for part in values for value in part[k])]))
-    path.write_text("\n".join(lines) + "\n")
+    path.write_text("\n".join(above) + tabulate([], [time, *values], form="{:.6f}"))
 
 
 def write_vectornav(raw: RawRecording, path: Path, compensated: bool = True) -> None:
     """With the names of INSTINCT, empty columns before satellites are seen, and one unit missing."""
-    kinds = {"Uncomp": -1.0, "": 1.0} if compensated else {"Uncomp": 1.0}
-    header, columns = ["Time [s]", "GpsWeek", "Time::TimeStartup [ns]"], [np.round(18656256000 + raw.t * 1e9)]
-    for kind, sign in kinds.items():
+    empty, stamps = [""] * len(raw.t), [f"{18656256000 + t * 1e9:.0f}" for t in raw.t]
+    names, columns = ["Time [s]", "GpsWeek", "Time::TimeStartup [ns]"], [empty, empty, stamps]
+    for kind, sign in {"Uncomp": -1.0, "": 1.0}.items() if compensated else [("Uncomp", 1.0)]:
         rate = "AngularRate" if kind == "" else "UncompGyro"
-        header += _axes(f"IMU::{kind}Mag", "{}::{} [Gauss]") + _axes(f"IMU::{kind}Accel", "{}::{} [m/s^2]")
-        header += [f"IMU::{rate}::X", *(f"IMU::{rate}::{axis} [rad/s]" for axis in "YZ")]
-        columns.append(sign * np.hstack([raw.mag / 100.0, raw.acc, raw.gyr]))
-    table = np.column_stack(columns)
-    rows = [f",,{row[0]:.0f}," + ",".join(f"{value:.8f}" for value in row[1:]) for row in table]
-    path.write_text("\n".join([",".join(header), *rows]) + "\n")
+        names += axes(f"IMU::{kind}Mag::{{}} [Gauss]", f"IMU::{kind}Accel::{{}} [m/s^2]")
+        names += [f"IMU::{rate}::X", *axes(f"IMU::{rate}::{{}} [rad/s]", letters="YZ")]
+        columns += [sign * raw.mag / 100.0, sign * raw.acc, sign * raw.gyr]
+    path.write_text(tabulate(names, columns, form="{:.8f}"))
 
 
 def write_yei(raw: RawRecording, path: Path) -> None:
-    names = ["%int(ChipTimeUS)"]
-    names += [f"%float(Raw{sensor}{axis})" for sensor in ("Gyro", "Compass", "Accel") for axis in "XYZ"]
-    lines = [f' # Data format: "{",".join(names)}"']
-    for stamp, *values in np.column_stack([np.round(raw.t * 1e6), raw.gyr, raw.mag / 100.0, raw.acc / GRAVITY_M_S2]):
-        lines.append(f"{stamp:.0f}," + ",".join(repr(float(value)) for value in values))
-    path.write_text("\n".join(lines) + "\n")
+    names = ["%int(ChipTimeUS)", *axes("%float(RawGyro{})", "%float(RawCompass{})", "%float(RawAccel{})")]
+    stamps = [f"{t * 1e6:.0f}" for t in raw.t]
+    rows = tabulate([], [stamps, raw.gyr, raw.mag / 100.0, raw.acc / GRAVITY_M_S2])
+    path.write_text(f' # Data format: "{",".join(names)}"{rows}')
 
 
 def write_metawear(raw: RawRecording, folder: Path, session: str = "Left_MetaWear_2019-01-11T16.10.08.270_C4") -> None:
-    """A file a sensor, and one of a filter in the accelerometer's unit; the magnetometer has every fourth sample."""
+    """A file a sensor, and one of a filter in the accelerometer's unit; the magnetometer has every fourth sample.
+
+    Each file counts from its own first sample.
+    """
     folder.mkdir(exist_ok=True)
-    sensors = {
-        "Accelerometer_100.000Hz": (raw.acc / GRAVITY_M_S2, "g", 1),
-        "LinearAcceleration": (0.0 * raw.acc, "g", 1),
-        "Gyroscope_100.000Hz": (np.rad2deg(raw.gyr), "deg/s", 1),
-        "Magnetometer_25.000Hz": (raw.mag * 1e-6, "T", 4),
-    }
-    for name, (values, unit, step) in sensors.items():
-        lines = ["epoch (ms),time (01:00),elapsed (s)," + ",".join(f"{axis}-axis ({unit})" for axis in "xyz")]
-        for k in range(0, len(raw.t), step):
-            stamp = f"{EPOCH_MS + round(raw.t[k] * 1e3)},2019-01-11T16:10:08.431,{raw.t[k]:.3f}"
-            lines.append(",".join([stamp, *(f"{value:.12g}" for value in values[k])]))
-        (folder / f"{session}_{name}_1.4.4.csv").write_text("\n".join(lines) + "\n")
+    every, fourth = slice(None), slice(2, None, 4)
+    for name, values, unit, rows in (
+        ("Accelerometer_100.000Hz", raw.acc / GRAVITY_M_S2, "g", every),
+        ("LinearAcceleration", 0.0 * raw.acc, "g", every),
+        ("Gyroscope_100.000Hz", np.rad2deg(raw.gyr), "deg/s", every),
+        ("Magnetometer_25.000Hz", raw.mag * 1e-6, "T", fourth),
+    ):
+        names = ["epoch (ms)", "time (01:00)", "elapsed (s)", *axes(f"{{}}-axis ({unit})", letters="xyz")]
+        t, day = raw.t[rows], "2019-01-11T16:10:08.431"
+        stamps = [[f"{EPOCH_MS + round(one * 1e3)}", day, f"{one - t[0]:.3f}"] for one in t]
+        text = tabulate(names, [stamps, values[rows]], form="{:.12g}")
+        (folder / f"{session}_{name}_1.4.4.csv").write_text(text)
 
 
 def write_ximu3(raw: RawRecording, folder: Path, unit: str = "a.u.") -> None:
     """Inertial.csv, Magnetometer.csv with every fifth sample, and files that are of no use."""
     folder.mkdir(exist_ok=True)
-    stamps = np.round(1e6 * raw.t)
-    scale = 1.0 if unit == "uT" else 1 / 48.0
-    tables = {
-        "Inertial.csv": (
-            _axes("Gyroscope", "{} {} (deg/s)") + _axes("Accelerometer", "{} {} (g)"),
-            np.column_stack([stamps, np.rad2deg(raw.gyr), raw.acc / GRAVITY_M_S2]),
-        ),
-        "Magnetometer.csv": (
-            _axes("Magnetometer", f"{{}} {{}} ({unit})"),
-            np.column_stack([stamps, raw.mag * scale])[::5],
-        ),
-        "HighGAccelerometer.csv": (_axes("High-g Accelerometer", "{} {} (g)"), np.column_stack([stamps, raw.acc])[::4]),
-        "Temperature.csv": (["Temperature (C)"], np.column_stack([stamps, stamps])[::50]),
-    }
-    for name, (columns, table) in tables.items():
-        rows = [",".join(f"{value:.12g}" for value in row) for row in table.tolist()]
-        (folder / name).write_text("\n".join([",".join(["Timestamp (us)", *columns]), *rows]) + "\n")
+    stamps, mag = np.round(1e6 * raw.t), raw.mag if unit == "uT" else raw.mag / 48.0
+    inertial = np.hstack([np.rad2deg(raw.gyr), raw.acc / GRAVITY_M_S2])
+    for name, columns, table, step in (
+        ("Inertial.csv", axes("Gyroscope {} (deg/s)", "Accelerometer {} (g)"), inertial, 1),
+        ("Magnetometer.csv", axes(f"Magnetometer {{}} ({unit})"), mag, 5),
+        ("HighGAccelerometer.csv", axes("High-g Accelerometer {} (g)"), raw.acc, 4),
+        ("Temperature.csv", ["Temperature (C)"], stamps, 50),
+    ):
+        text = tabulate(["Timestamp (us)", *columns], [stamps[::step], table[::step]], form="{:.12g}")
+        (folder / name).write_text(text)
 
 
 def write_bag(raw: RawRecording, path: Path, imus: tuple[str, ...] = ("/left/imu",), normalized: bool = False) -> None:
-    """A ROS 1 bag at `walk.bag`; else a ROS 2 bag, a folder with storage of mcap or sqlite3 as its suffix says."""
+    """A ROS 1 bag at `walk.bag`; else a ROS 2 bag, a folder with storage of mcap or sqlite3 as its suffix says.
+
+    Besides the magnetometer `/left/mag` there is another, of half the field.
+    """
     from rosbags.rosbag1 import Writer as Writer1
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
@@ -214,7 +203,7 @@ def write_bag(raw: RawRecording, path: Path, imus: tuple[str, ...] = ("/left/imu
     stamp_of, vector = types["builtin_interfaces/msg/Time"], types["geometry_msgs/msg/Vector3"]
     with Writer1(path) if path.suffix == ".bag" else Writer(path, version=9, storage_plugin=plugin) as writer:
         topics = {topic: writer.add_connection(topic, kind, typestore=store) for topic in imus}
-        field_topic = writer.add_connection("/left/mag", field_kind, typestore=store)
+        fields = {topic: writer.add_connection(topic, field_kind, typestore=store) for topic in ("/a/mag", "/left/mag")}
         for k, t in enumerate(raw.t):
             ns = EPOCH_MS * 10**6 + round(t * 1e9)
             extra = {"seq": k} if path.suffix == ".bag" else {}
@@ -228,8 +217,9 @@ def write_bag(raw: RawRecording, path: Path, imus: tuple[str, ...] = ("/left/imu
                 writer.write(topic, ns + 30_000_000, serialize(message, kind))
             if k % 4 == 0:
                 field = 1e-4 * raw.mag[k] / np.linalg.norm(raw.mag[k]) if normalized else 1e-6 * raw.mag[k]
-                message = types[field_kind](header, vector(*field), np.zeros(9))
-                writer.write(field_topic, ns + 30_000_000, serialize(message, field_kind))
+                for topic, share in zip(fields.values(), (0.5, 1.0), strict=True):
+                    message = types[field_kind](header, vector(*(share * field)), np.zeros(9))
+                    writer.write(topic, ns + 30_000_000, serialize(message, field_kind))
 
 
 def _integrate(raw: RawRecording) -> Rotation:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -38,28 +38,42 @@ def tilting(
     )
 
 
+def axes(*patterns: str, letters: str = AXES) -> list[str]:
+    """Names of the axes of each sensor, by patterns such as `Acc_{}`."""
+    return [pattern.format(axis) for pattern in patterns for axis in letters]
+
+
+def tabulate(names: Sequence[str], columns: Sequence[object], separator: str = ",", form: str = "{!r}") -> str:
+    """Text of a table: columns of numbers (N,) or (N, K), or of words (N,), below their names."""
+    fields = list[list[str]]()
+    for column in columns:
+        for part in np.atleast_2d(np.asarray(column).T).tolist():
+            fields.append([one if isinstance(one, str) else form.format(one) for one in part])
+    return "\n".join([separator.join(names), *map(separator.join, zip(*fields, strict=True))]) + "\n"
+
+
+def write_columns(path: Path, names: Sequence[str], columns: Sequence[object], separator: str = ",") -> Path:
+    path.write_text(tabulate(names, columns, separator, "{:.10g}"), encoding="utf-8")
+    return path
+
+
 def write_sensorconnect(raw: RawRecording, path: Path) -> None:
     assert raw.mag is not None
-    names = [f"inertial-1.2:{name}{axis}" for name in ("scaledAccel", "scaledGyro", "scaledMag") for axis in AXES]
-    table = np.column_stack([raw.t, raw.acc / GRAVITY_M_S2, raw.gyr, raw.mag / 100.0])
-    _write_csv(path, ["Time", *names], table)
+    names = axes(*(f"inertial-1.2:scaled{name}{{}}" for name in ("Accel", "Gyro", "Mag")))
+    path.write_text(tabulate(["Time", *names], [raw.t, raw.acc / GRAVITY_M_S2, raw.gyr, raw.mag / 100.0]))
 
 
 def write_sensorconnect_estimated(raw: RawRecording, path: Path) -> None:
-    header, columns = ["Time"], [raw.t]
-    for name, values in (("estCompensatedAccel", raw.acc), ("estAngularRate", raw.gyr)):
-        for axis in range(3):
-            header += [f"inertial-1.2:{name}{AXES[axis]}", f"inertial-1.2:{name}{AXES[axis]}:valid"]
-            columns += [values[:, axis], np.ones(len(raw.t))]
-    _write_csv(path, header, np.column_stack(columns))
+    names = axes("inertial-1.2:estCompensatedAccel{}", "inertial-1.2:estAngularRate{}")
+    flagged = [column for samples in (*raw.acc.T, *raw.gyr.T) for column in (samples, np.ones(len(raw.t)))]
+    names = [name for axis in names for name in (axis, f"{axis}:valid")]
+    path.write_text(tabulate(["Time", *names], [raw.t, *flagged]))
 
 
 def write_xio(raw: RawRecording, path: Path) -> None:
-    header = ["Time (s)"]
-    for name in ("Gyroscope {} (deg/s)", "Accelerometer {} (g)", "Magnetometer {} (uT)"):
-        header += [name.format(axis) for axis in AXES]
     assert raw.mag is not None
-    _write_csv(path, header, np.column_stack([raw.t, np.rad2deg(raw.gyr), raw.acc / GRAVITY_M_S2, raw.mag]))
+    names = ["Time (s)", *axes("Gyroscope {} (deg/s)", "Accelerometer {} (g)", "Magnetometer {} (uT)")]
+    path.write_text(tabulate(names, [raw.t, np.rad2deg(raw.gyr), raw.acc / GRAVITY_M_S2, raw.mag]))
 
 
 def write_openshoe(raw: RawRecording, path: Path) -> None:
@@ -83,48 +97,37 @@ def write_pyshoe(raw: RawRecording, path: Path) -> None:
 
 def write_gdlbio(raw: RawRecording, path: Path, **changes: object) -> None:
     """A footprint every 100 samples; the walk goes along x and to the left, the file has its y to the right."""
-    sample = np.arange(0, len(raw.t), 100)
-    xy = np.column_stack([raw.t[sample], -2.0 * raw.t[sample]])
+    sample, xy = np.arange(0, len(raw.t), 100), np.column_stack([raw.t, -2.0 * raw.t])
     variables = {
-        "imu_data": np.column_stack([raw.acc, raw.gyr]),
-        "timestamps": raw.t[None, :],
-        "strideIndex": sample[None, :],
-        "GCP": xy,
-        "pyshoeTrajectory": np.column_stack([raw.t, -2.0 * raw.t]),
-    }
-    kept = {name: value for name, value in {**variables, **changes}.items() if value is not None}
-    scipy.io.savemat(path, kept)
+        "imu_data": np.column_stack([raw.acc, raw.gyr]), "timestamps": raw.t[None, :], "strideIndex": sample[None, :],
+        "GCP": xy[sample], "pyshoeTrajectory": xy, **changes,
+    }  # fmt: skip
+    scipy.io.savemat(path, {name: value for name, value in variables.items() if value is not None})
 
 
 def write_broad(raw: RawRecording, path: Path) -> None:
-    n = len(raw.t)
-    quaternion, position = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), np.zeros((n, 3))
+    quaternion = np.tile([1.0, 0.0, 0.0, 0.0], (len(raw.t), 1))
     quaternion[5:8] = np.nan
     variables = {
-        "imu_acc": raw.acc,
-        "imu_gyr": raw.gyr,
-        "imu_mag": raw.mag,
-        "opt_quat": quaternion,
-        "opt_pos": position,
-        "sampling_rate": (n - 1) / (raw.t[-1] - raw.t[0]),
-    }
+        "imu_acc": raw.acc, "imu_gyr": raw.gyr, "imu_mag": raw.mag, "opt_quat": quaternion,
+        "opt_pos": np.zeros_like(raw.acc), "sampling_rate": (len(raw.t) - 1) / (raw.t[-1] - raw.t[0]),
+    }  # fmt: skip
     scipy.io.savemat(path, variables, do_compression=True)
 
 
 def write_table(raw: RawRecording, path: Path) -> None:
     """Of no known format, with lines above and a row of units."""
     assert raw.mag is not None
-    names = ["stamp", *(f"{name}{axis}" for name in ("Accel ", "Gyro ", "Mag ") for axis in AXES)]
-    table = np.column_stack([raw.t * 1e3, raw.acc / GRAVITY_M_S2, np.rad2deg(raw.gyr), raw.mag / 100.0])
-    rows = [";".join(repr(value) for value in row) for row in table.tolist()]
-    units = ["ms", *["g"] * 3, *["dps"] * 3, *["G"] * 3]
-    path.write_text("\n".join(["logged by somebody", ";".join(names), ";".join(units), *rows]) + "\n")
+    columns = [raw.t * 1e3, raw.acc / GRAVITY_M_S2, np.rad2deg(raw.gyr), raw.mag / 100.0]
+    names, *rows = tabulate(["stamp", *axes("Accel {}", "Gyro {}", "Mag {}")], columns, ";").splitlines()
+    units = ";".join(["ms", *["g"] * 3, *["dps"] * 3, *["G"] * 3])
+    path.write_text("\n".join(["logged by somebody", names, units, *rows]) + "\n")
 
 
 def _name_columns(raw: RawRecording) -> pd.DataFrame:
     """A table in SI of plain names."""
     table = np.column_stack([raw.t, raw.acc, raw.gyr, raw.mag])
-    return pd.DataFrame(table, columns=["t", *(f"{what}{axis}" for what in "agm" for axis in "xyz")])
+    return pd.DataFrame(table, columns=["t", *axes("a{}", "g{}", "m{}", letters="xyz")])
 
 
 def _list_rows(raw: RawRecording) -> list[dict[str, object]]:
@@ -153,7 +156,7 @@ TABLES: dict[str, Callable[[RawRecording, Path], object]] = {
     "lines.jsonl": lambda raw, path: path.write_text("\n".join(map(json.dumps, _list_rows(raw)))),
     "array.json": lambda raw, path: path.write_text(json.dumps({"samples": _list_rows(raw)}, indent=1)),
     "arrays.json": lambda raw, path: path.write_text(
-        json.dumps({"t": raw.t.tolist(), "acc": raw.acc.tolist(), "gyr": raw.gyr.tolist(), "mag": raw.mag.tolist()})
+        json.dumps({name: getattr(raw, name).tolist() for name in ("t", "acc", "gyr", "mag")})
     ),
     "walk.h5": _write_hdf5,
     "walk.xlsx": lambda raw, path: _name_columns(raw).to_excel(path, index=False, engine="openpyxl"),
@@ -175,8 +178,3 @@ WRITERS: dict[str, tuple[str, Callable[[RawRecording, Path], None]]] = {
     "table": ("table", write_table),
 }
 """A writer for each kind of file, and the format it is to be recognised as."""
-
-
-def _write_csv(path: Path, header: list[str], table: np.ndarray) -> None:
-    rows = [",".join(repr(value) for value in row) for row in table.tolist()]
-    path.write_text("\n".join([",".join(header), *rows]) + "\n")

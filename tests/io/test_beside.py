@@ -9,7 +9,7 @@ from pymap3d import enu2geodetic
 from fg_nav.columns.mapping import find_pressure
 from fg_nav.errors import FormatError
 from fg_nav.io import read_fixes, read_gnss, read_raw, write_canonical
-from tests.io.samples import tilting
+from tests.io.samples import tabulate, tilting
 from tests.real_data import DATA, needs_data
 
 PHYPHOX = '"Time (s)","Latitude (°)","Longitude (°)","Height (m)","Velocity (m/s)","Horizontal Accuracy (m)"\n'
@@ -17,27 +17,24 @@ ROWS = [(0.5, 48.1, 11.5, 9.0), (1.5, 48.1001, 11.5, 4.0), (2.5, 48.1002, 11.500
 NORTH_M = 11.12  # of 1e-4 deg
 
 
-def write_phyphox(folder, name="Location.csv", separator=",", decimal="."):
-    lines = [PHYPHOX.replace(",", separator).strip()]
-    for t, latitude, longitude, accuracy in ROWS:
-        numbers = [f"{x:.9E}".replace(".", decimal) for x in (t, latitude, longitude, 500.0, 1.2, accuracy)]
-        lines.append(separator.join(numbers))
-    (folder / name).write_text("\n".join(lines) + "\n", encoding="utf-8")
+def write_phyphox(folder, separator=",", decimal="."):
+    numbers = [(t, latitude, longitude, 500.0, 1.2, accuracy) for t, latitude, longitude, accuracy in ROWS]
+    rows = tabulate([], [numbers], separator, "{:.9E}").replace(".", decimal)
+    (folder / "Location.csv").write_text(PHYPHOX.replace(",", separator).strip() + rows, encoding="utf-8")
 
 
-@pytest.mark.parametrize(("separator", "decimal"), [(",", "."), (";", ","), ("\t", ",")])
-def test_phyphox(tmp_path, separator, decimal):
-    write_phyphox(tmp_path, separator=separator, decimal=decimal)
-    gnss = read_gnss(tmp_path)
-    assert [fix.time_s for fix in gnss.fixes] == [0.5, 1.5, 2.5, 3.5]
-    assert (gnss.latitude_deg, gnss.longitude_deg) == pytest.approx((48.1001, 11.5))  # the first good one
-    north = [fix.position[1] for fix in gnss.fixes]
-    np.testing.assert_allclose(north, [-NORTH_M, 0.0, NORTH_M, 2 * NORTH_M], atol=0.02)
-    assert gnss.fixes[2].position[0] == pytest.approx(7.44, abs=0.02)
-    assert [fix.horizontal_sigma_m for fix in gnss.fixes] == [9.0, 4.0, 4.0, 4.0]
-    assert np.isinf(gnss.fixes[0].vertical_sigma_m)
-    east, north = gnss.fixes[3].position[:2]
-    found = enu2geodetic(east, north, 0.0, gnss.latitude_deg, gnss.longitude_deg, 0.0)
+def test_phyphox(tmp_path):
+    for separator, decimal in ((",", "."), (";", ","), ("\t", ",")):
+        write_phyphox(tmp_path, separator, decimal)
+        gnss = read_gnss(tmp_path)
+        assert [fix.time_s for fix in gnss.fixes] == [0.5, 1.5, 2.5, 3.5]
+        assert (gnss.latitude_deg, gnss.longitude_deg) == pytest.approx((48.1001, 11.5))  # the first good one
+        north = [fix.position[1] for fix in gnss.fixes]
+        np.testing.assert_allclose(north, [-NORTH_M, 0.0, NORTH_M, 2 * NORTH_M], atol=0.02)
+        assert gnss.fixes[2].position[0] == pytest.approx(7.44, abs=0.02)
+        assert [fix.horizontal_sigma_m for fix in gnss.fixes] == [9.0, 4.0, 4.0, 4.0]
+        assert np.isinf(gnss.fixes[0].vertical_sigma_m)
+    found = enu2geodetic(*gnss.fixes[3].position[:2], 0.0, gnss.latitude_deg, gnss.longitude_deg, 0.0)
     assert found[:2] == pytest.approx((48.1003, 11.5))
 
 
@@ -58,14 +55,10 @@ def test_sensor_logger_counts_from_its_first_sample(tmp_path):
     assert [fix.time_s for fix in found.fixes] == [0.25, 1.25, 2.25, 3.25]  # the last has no accuracy
 
 
-def test_a_table_of_ones_own(tmp_path):
+def test_a_table_of_ones_own_and_what_holds_no_fixes(tmp_path):
     table = tmp_path / "fixes.csv"
     table.write_text("time_s,lat_deg,lon_deg,hacc_m\n1,48.1,11.5,3\n2,,,\n3,48.1001,11.5,3\n")
     assert [fix.time_s for fix in read_gnss(table).fixes] == [1.0, 3.0]
-
-
-def test_what_holds_no_fixes_is_refused_in_a_sentence(tmp_path):
-    table = tmp_path / "fixes.csv"
     for text, problem in (
         ("time_s,latitude,longitude\n1,48,11\n", "no column of accuracy"),
         ("t,x_m,y_m\n1,2,3\n", "no column of time, latitude, longitude, accuracy"),
@@ -97,7 +90,7 @@ def written(folder, *lines):
     return path
 
 
-def test_fixes_are_read_by_name_and_an_empty_height_is_not_known(tmp_path):
+def test_fixes_are_read_by_name_an_empty_height_is_not_known_and_what_is_none_is_refused(tmp_path):
     flat, full = read_fixes(written(tmp_path, HEADER, "12.5,3,-4,,0.2", "20,1,2,3.5,1"))
     assert (flat.time_s, flat.horizontal_sigma_m, flat.vertical_sigma_m) == (12.5, 0.2, np.inf)
     np.testing.assert_array_equal(flat.position, [3.0, -4.0, 0.0])
@@ -106,10 +99,7 @@ def test_fixes_are_read_by_name_and_an_empty_height_is_not_known(tmp_path):
     (fix,) = read_fixes(written(tmp_path, "sigma_m,point,z_m,y_m,x_m,time_s", "0.1,A,7,6,5,4"))
     assert (fix.time_s, *fix.position, fix.horizontal_sigma_m) == (4.0, 5.0, 6.0, 7.0, 0.1)
 
-
-@pytest.mark.parametrize(
-    ("lines", "words"),
-    [
+    for lines, words in (
         (["time_s,x_m,y_m,sigma_m", "1,2,3,4"], "no column 'z_m'"),
         ([HEADER], "no samples"),
         ([HEADER, "1,2,3,4,0.1", "2,three,3,,1"], "line 3, column 'x_m'"),
@@ -117,11 +107,9 @@ def test_fixes_are_read_by_name_and_an_empty_height_is_not_known(tmp_path):
         ([HEADER, "1,2,3,inf,0.1"], "line 2 lacks a number"),
         ([HEADER, "1,2,3,,"], "line 2 lacks a number"),
         ([HEADER, "1,2,3,,1", "", "1,2,3,,0"], "line 4 has no sigma above zero"),
-    ],
-)
-def test_what_is_no_fix_is_refused(tmp_path, lines, words):
-    with pytest.raises(FormatError, match=words):
-        read_fixes(written(tmp_path, *lines))
+    ):
+        with pytest.raises(FormatError, match=words):
+            read_fixes(written(tmp_path, *lines))
 
 
 RAW = tilting(np.random.default_rng(4))
@@ -129,27 +117,23 @@ RAW = tilting(np.random.default_rng(4))
 AIR = replace(RAW, pressure=np.where(np.arange(len(RAW.t)) % 4 == 0, 101_300.0 + np.arange(len(RAW.t)), np.nan))
 
 
-@pytest.mark.parametrize(("name", "factor"), [("pressure_pa", 1.0), ("pressure_hpa", 0.01), ("baro", 0.01)])
-def test_a_column_is_read_in_its_unit_or_by_its_size(name, factor, tmp_path):
-    write_canonical(replace(AIR, pressure=factor * AIR.pressure), tmp_path / "walk.csv")
-    text = (tmp_path / "walk.csv").read_text().replace("pressure_pa", name, 1)
-    (tmp_path / "walk.csv").write_text(text)
-    np.testing.assert_allclose(read_raw(tmp_path / "walk.csv").pressure, AIR.pressure, rtol=1e-12)
-
-
-def test_other_columns_are_no_pressure_of_air():
+def test_a_column_of_pressure_is_read_in_its_unit_or_by_its_size(tmp_path):
+    for name, factor in (("pressure_pa", 1.0), ("pressure_hpa", 0.01), ("baro", 0.01)):
+        write_canonical(replace(AIR, pressure=factor * AIR.pressure), tmp_path / "walk.csv")
+        text = (tmp_path / "walk.csv").read_text().replace("pressure_pa", name, 1)
+        (tmp_path / "walk.csv").write_text(text)
+        np.testing.assert_allclose(read_raw(tmp_path / "walk.csv").pressure, AIR.pressure, rtol=1e-12)
     assert find_pressure(["time_s", "relativeAltitude", "sea level pressure", "heel_pressure", "temperature"]) is None
 
 
-@pytest.mark.parametrize("stamps", ["time_s", "time_ms", "time"])
-def test_a_file_beside_is_put_on_the_clock_of_the_recording(stamps, tmp_path):
+def test_a_file_beside_is_put_on_the_clock_of_the_recording(tmp_path):
     write_canonical(RAW, tmp_path / "walk.csv")
     rows = np.flatnonzero(np.isfinite(AIR.pressure))
-    unit = 1e3 if stamps == "time_ms" else 1.0
-    lines = [f"{unit * (RAW.t[k] + 1e-3):.9f},{0.01 * AIR.pressure[k]:.9f}" for k in rows]
-    (tmp_path / "baro.csv").write_text("\n".join([f"{stamps},pressure_hpa", *lines]) + "\n")
-    found = read_raw(tmp_path / "walk.csv", barometer=tmp_path / "baro.csv").pressure
-    np.testing.assert_allclose(found, AIR.pressure, rtol=1e-12)
+    for stamps, unit in (("time_s", 1.0), ("time_ms", 1e3), ("time", 1.0)):
+        columns = [unit * (RAW.t[rows] + 1e-3), 0.01 * AIR.pressure[rows]]
+        (tmp_path / "baro.csv").write_text(tabulate([stamps, "pressure_hpa"], columns))
+        found = read_raw(tmp_path / "walk.csv", barometer=tmp_path / "baro.csv").pressure
+        np.testing.assert_allclose(found, AIR.pressure, rtol=1e-12)
 
 
 def test_a_file_that_is_of_no_use_is_refused(tmp_path):

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -29,8 +28,9 @@ from fg_nav.pipeline import Result
 from fg_nav.recording import RawRecording, Recording
 from fg_nav.samples.readings import find_saturated
 from tests.command_line import FgNav, Ran
-from tests.io.samples import tilting
-from tests.proposals import check_proposals, list_changes, list_commands
+from tests.io.samples import axes, tilting
+from tests.io.samples import write_columns as write
+from tests.proposals import check_proposals
 from tests.real_data import CASES, needs_cases
 
 DEMO = simulate("demo", 1)
@@ -46,19 +46,8 @@ def solved() -> Result:
     return navigate(WALK)
 
 
-def write(path: Path, names: Sequence[str], columns: Sequence[object], separator: str = ",") -> Path:
-    """Write columns, of numbers (N,) or (N, 3) or of words, below their names."""
-    fields: list[list[str]] = []
-    for column in columns:
-        table = np.atleast_2d(np.asarray(column).T).tolist()
-        fields += [[one if isinstance(one, str) else f"{one:.10g}" for one in part] for part in table]
-    rows = [separator.join(row) for row in zip(*fields, strict=True)]
-    path.write_text("\n".join([separator.join(names), *rows]) + "\n", encoding="utf-8")
-    return path
-
-
-def xyz(pattern: str) -> list[str]:
-    return [pattern.format(axis) for axis in "xyz"]
+def xyz(*patterns: str) -> list[str]:
+    return axes(*patterns, letters="xyz")
 
 
 def is_the_walk(raw: RawRecording | Recording, tolerance: float = 1e-3, period: float = 1e-4) -> bool:
@@ -72,61 +61,47 @@ def is_the_walk(raw: RawRecording | Recording, tolerance: float = 1e-3, period: 
 
 
 @needs_cases
-@pytest.mark.parametrize(
-    ("name", "sensor", "words"),
-    [("feet", "left_foot", "left_foot, right_foot"), ("sensor_id", "1", r"1, 2")],
-)
-def test_two_sensors_in_the_rows_of_one_table(name: str, sensor: str, words: str) -> None:
+def test_two_sensors_in_the_rows_of_one_table() -> None:
     folder = CASES / "01_two_sensors_in_one_table"
-    with pytest.raises(FormatError, match=rf"holds 2 sensors \({words}\): name one, such as `--sensor {sensor}`"):
-        read(folder / f"{name}.csv.gz")
-    one, alone = read(folder / f"{name}.csv.gz", sensor=sensor), read(folder / "left_alone.csv.gz")
-    assert len(one) == len(alone)
-    np.testing.assert_allclose(one.acc, alone.acc, atol=0.01)
-    found = navigate(folder / "left_alone.csv.gz")
+    alone, found = read(folder / "left_alone.csv.gz"), navigate(folder / "left_alone.csv.gz")
+    for name, sensor, words in (("feet", "left_foot", "left_foot, right_foot"), ("sensor_id", "1", r"1, 2")):
+        with pytest.raises(FormatError, match=rf"holds 2 sensors \({words}\): name one, such as `--sensor {sensor}`"):
+            read(folder / f"{name}.csv.gz")
+        one = read(folder / f"{name}.csv.gz", sensor=sensor)
+        assert len(one) == len(alone)
+        np.testing.assert_allclose(one.acc, alone.acc, atol=0.01)
+        with pytest.raises(FormatError, match="has no one 'middle' among its sensors"):
+            read(folder / f"{name}.csv.gz", sensor="middle")
     assert found.metrics.distance_m == pytest.approx(40.2, abs=0.2)
     assert found.metrics.strides_detected == 32
-    with pytest.raises(FormatError, match="has no one 'middle' among its sensors"):
-        read(folder / f"{name}.csv.gz", sensor="middle")
-
-
-def _mix(other: np.ndarray, clock: Callable[[np.ndarray], np.ndarray]) -> list[np.ndarray]:
-    """Rows of the walk and of another sensor in turn."""
-    own, there = np.column_stack([T, WALK.acc, WALK.gyr]), np.column_stack([clock(T), other, WALK.gyr[::-1]])
-    mixed = np.stack([own, there], axis=1).reshape(-1, 7)
-    return [mixed[:, 0], mixed[:, 1:4], mixed[:, 4:]]
 
 
 OTHER = WALK.acc[:, [2, 0, 1]] * [1.0, -1.0, 1.0]
-NAMES = ["t [s]", *xyz("acc_{} [m/s^2]"), *xyz("gyr_{} [rad/s]")]
+BOTH = [np.stack(pair, axis=1) for pair in ((T, T), (WALK.acc, OTHER), (WALK.gyr, WALK.gyr[::-1]))]
+MIXED = [both.reshape(-1, *both.shape[2:]) for both in BOTH]  # rows of the walk and of another sensor in turn
+BELOW = [np.concatenate([both[:, 0], both[:, 1]]) for both in BOTH]  # one below the other
+NAMES = ["t [s]", *xyz("acc_{} [m/s^2]", "gyr_{} [rad/s]")]
 
 
-@pytest.mark.parametrize(
-    ("names", "label", "words", "is_mixed"),
-    [
-        ([*NAMES, "node"], ("A", "B"), "A, B", True),
-        ([*CANONICAL[:7], "sensor"], ("left", "right"), "left, right", True),
-        ([*NAMES, "Gerät"], ("7", "8"), "7, 8", False),  # one below the other
-    ],
-)
-def test_two_sensors_by_a_column_of_their_names(
-    names: list[str], label: tuple[str, str], words: str, is_mixed: bool, tmp_path: Path
-) -> None:
-    both = [np.concatenate([own, there]) for own, there in ((T, T), (WALK.acc, OTHER), (WALK.gyr, WALK.gyr))]
-    columns = _mix(OTHER, lambda t: t + 2e-3 * (label[0] == "A")) if is_mixed else both
-    who = list(label) * len(T) if is_mixed else np.repeat(label, len(T))
-    path = write(tmp_path / "walk.csv", names, [*columns, who])
-    with pytest.raises(FormatError, match=rf"holds 2 sensors \({words}\)"):
-        read(path)
-    assert is_the_walk(read_raw(path, sensor=label[0].lower()))
-    if label[0] == "A":  # and where the user maps the columns
-        columns = "time=t,acc=acc_x:acc_y:acc_z[m/s^2],gyr=gyr_x:gyr_y:gyr_z[rad/s]"
-        assert is_the_walk(read_raw(path, sensor="A", columns=columns))
+def test_two_sensors_by_a_column_of_their_names(tmp_path: Path) -> None:
+    late = [MIXED[0] + 2e-3 * (np.arange(2 * len(T)) % 2), *MIXED[1:]]
+    for names, label, columns in (
+        ([*NAMES, "node"], ("A", "B"), late),
+        ([*CANONICAL[:7], "sensor"], ("left", "right"), MIXED),
+        ([*NAMES, "Gerät"], ("7", "8"), BELOW),
+    ):
+        who = list(np.repeat(label, len(T))) if columns is BELOW else list(label) * len(T)
+        path = write(tmp_path / "walk.csv", names, [*columns, who])
+        with pytest.raises(FormatError, match=rf"holds 2 sensors \({label[0]}, {label[1]}\)"):
+            read(path)
+        assert is_the_walk(read_raw(path, sensor=label[0].lower()))
+        if label[0] == "A":  # and where the user maps the columns
+            given = "time=t,acc=acc_x:acc_y:acc_z[m/s^2],gyr=gyr_x:gyr_y:gyr_z[rad/s]"
+            assert is_the_walk(read_raw(path, sensor="A", columns=given))
 
 
 def test_rows_that_alternate_without_a_name_and_labels_that_do_not(tmp_path: Path) -> None:
-    mixed = _mix(OTHER, lambda t: t)
-    path = write(tmp_path / "walk.csv", NAMES[1:], mixed[1:])
+    path = write(tmp_path / "walk.csv", NAMES[1:], MIXED[1:])
     with pytest.raises(FormatError, match=r"holds 2 sensors in alternating rows \(1, 2\)"):
         read(path, rate_hz=200.0)
     np.testing.assert_allclose(read_raw(path, rate_hz=200.0, sensor="2").acc, OTHER, atol=1e-6)
@@ -151,7 +126,7 @@ def test_both_feet_of_one_table_are_one_walk(fg_nav: FgNav) -> None:
 
 
 @needs_cases
-@pytest.mark.parametrize("rate_hz", [190.0, 200.0, 210.0])
+@pytest.mark.parametrize("rate_hz", [190.0, 210.0])
 def test_a_nominal_rate_stands_in_the_sigmas(rate_hz: float) -> None:
     folder = CASES / "02_wrong_nominal_rate"
     walk = read(folder / "rows.csv.gz", rate_hz=rate_hz)
@@ -174,10 +149,10 @@ def test_lost_rows_are_seen_in_the_gyroscope(tmp_path: Path) -> None:
 
 def test_lines_of_a_stream_have_the_sigma_of_its_nominal_rate(tmp_path: Path, fg_nav: FgNav) -> None:
     path = tmp_path / "rows.txt"
-    np.savetxt(path, np.hstack([WALK.acc, WALK.gyr]), delimiter=",", fmt="%.6f")
+    np.savetxt(path, np.hstack([WALK.acc, WALK.gyr])[:2500], delimiter=",", fmt="%.6f")
     ran = fg_nav("stream", path, "--columns", "ax,ay,az,gx,gy,gz", "--rate", "200", "--silence", "1")
     lines = [line for line in map(json.loads, ran.out.splitlines()) if "position_sigma_m" in line]
-    assert len(lines) > 30
+    assert len(lines) > 8
     for line in lines:
         assert np.linalg.norm(line["position_sigma_m"]) > 0.039 * np.linalg.norm(line["position_m"])
         assert "the sample rate is nominal" in " ".join(line["reasons"])
@@ -234,12 +209,12 @@ def test_a_foot_that_sways_in_its_one_short_rest(sensor: str, field: str | None,
 
 
 @needs_cases
-@pytest.mark.parametrize("name", ["two_decimals_of_g.csv", "three_decimals_of_g.csv.gz"])
-def test_clipping_is_found_behind_rounding(name: str) -> None:
+def test_clipping_is_found_behind_rounding() -> None:
     folder = CASES / "06_clipping_hidden_by_rounding"
-    found = inspect(read_raw(folder / name))
-    assert found.acc_range.share[0] == pytest.approx(0.14, abs=0.01)
-    assert found.acc_range.level[0] == pytest.approx(2.0 * GRAVITY_M_S2, rel=0.01)
+    for name in ("two_decimals_of_g.csv", "three_decimals_of_g.csv.gz"):
+        found = inspect(read_raw(folder / name))
+        assert found.acc_range.share[0] == pytest.approx(0.14, abs=0.01)
+        assert found.acc_range.level[0] == pytest.approx(2.0 * GRAVITY_M_S2, rel=0.01)
     result = navigate(folder / name, truth=folder / "footprints.csv")
     assert result.metrics.distance_m == pytest.approx(76.3, abs=1.0)
     assert result.verdict.word != "trusted"
@@ -253,14 +228,13 @@ def test_checks_that_end_for_want_of_data_say_so() -> None:
     assert "whether the samples are smoothed (3 s at 200 Hz)" in words
 
 
-@pytest.mark.parametrize("step", [0.5, 2.0, 5.0])
-def test_a_coarse_gyroscope_at_the_end_of_its_range(step: float) -> None:
-    limit = 0.6 * np.abs(DEG).max()
-    clipped = np.round(np.clip(DEG, -limit, limit) / step) * step
-    worst = int(np.argmax(np.abs(DEG).max(axis=0)))
+def test_a_coarse_gyroscope_at_the_end_of_its_range() -> None:
+    limit, worst = 0.6 * np.abs(DEG).max(), int(np.argmax(np.abs(DEG).max(axis=0)))
     share = np.mean(np.abs(DEG[:, worst]) > limit)
-    assert find_saturated(clipped)[:, worst].mean() == pytest.approx(share, rel=0.5)
-    assert not find_saturated(np.round(DEG / step) * step).any()
+    for step in (0.5, 2.0, 5.0):
+        clipped = np.round(np.clip(DEG, -limit, limit) / step) * step
+        assert find_saturated(clipped)[:, worst].mean() == pytest.approx(share, rel=0.5)
+        assert not find_saturated(np.round(DEG / step) * step).any()
 
 
 # 6: delay between the sensors
@@ -293,7 +267,7 @@ def test_smoothed_samples_are_doubtful() -> None:
     assert "the samples are smoothed" in found.verdict.reasons[0]
 
 
-@pytest.mark.parametrize(("cut_hz", "order", "is_smooth"), [(5.0, 2, True), (4.0, 1, True), (12.0, 2, False)])
+@pytest.mark.parametrize(("cut_hz", "order", "is_smooth"), [(4.0, 1, True), (12.0, 2, False)])
 def test_what_a_low_pass_leaves(cut_hz: float, order: int, is_smooth: bool) -> None:
     b, a = butter(order, cut_hz / 100.0)
     smooth = replace(WALK, acc=filtfilt(b, a, WALK.acc, axis=0), gyr=filtfilt(b, a, WALK.gyr, axis=0))
@@ -303,27 +277,16 @@ def test_what_a_low_pass_leaves(cut_hz: float, order: int, is_smooth: bool) -> N
 # 8: units of time
 
 
-@needs_cases
-@pytest.mark.parametrize("name", ["ticks_of_0.1_ms", "ticks_of_10_ms", "whole_seconds"])
-def test_units_of_time_by_how_gravity_turns(name: str) -> None:
-    found = inspect(read_raw(CASES / "09_unit_of_time_from_the_step_alone" / f"{name}.csv"))
-    assert found.stamps.rate_hz == pytest.approx(200.0, rel=0.002)
-    assert found.is_usable
-
-
-@pytest.mark.parametrize(
-    ("stamps", "words"),
-    [
+def test_ticks_of_other_lengths(tmp_path: Path) -> None:
+    for stamps, words in (
         (np.round(T * 1e5) + 77, "taken for 10 us"),
         (np.floor(T / 0.016) * 16, "whole steps of 0.016 s"),
         (np.floor(1.7e9 + T), "whole steps of 1 s"),
         (np.round(T * 1e7), "taken for 100 ns"),
-    ],
-)
-def test_other_ticks(stamps: np.ndarray, words: str, tmp_path: Path) -> None:
-    raw = read_raw(write(tmp_path / "walk.csv", ["time", *NAMES[1:]], [stamps, WALK.acc, WALK.gyr]))
-    assert is_the_walk(raw, period=0.002)
-    assert words in " ".join(raw.provenance.notes)
+    ):
+        raw = read_raw(write(tmp_path / "walk.csv", ["time", *NAMES[1:]], [stamps, WALK.acc, WALK.gyr]))
+        assert is_the_walk(raw, period=0.002)
+        assert words in " ".join(raw.provenance.notes)
 
 
 def test_a_unit_that_is_said_wrongly_is_named(tmp_path: Path) -> None:
@@ -345,29 +308,32 @@ def test_nothing_too_short_or_without_a_stance_is_usable() -> None:
 # 9: names and units
 
 
+READ = """
+09_unit_of_time_from_the_step_alone/ticks_of_0.1_ms.csv
+09_unit_of_time_from_the_step_alone/ticks_of_10_ms.csv
+09_unit_of_time_from_the_step_alone/whole_seconds.csv
+10_angular_rate_by_other_names/AngularVel.csv
+10_angular_rate_by_other_names/As_deg.txt
+10_angular_rate_by_other_names/acce.csv
+10_angular_rate_by_other_names/w_a_RS.csv
+11_temperature_taken_for_time/clock.txt
+12_MTi_log_taken_for_a_DOT/at_100_Hz.csv
+12_MTi_log_taken_for_a_DOT/at_200_Hz.csv
+14_gravity_and_user_acceleration/coremotion.csv.gz
+15_one_table_a_sensor/polar
+15_one_table_a_sensor/realworld
+15_one_table_a_sensor/ronin
+17_sentences_that_mislead/gps_time.csv
+17_sentences_that_mislead/newest_first.csv
+"""
+
+
 @needs_cases
-@pytest.mark.parametrize(
-    ("place", "rate_hz"),
-    [
-        ("10_angular_rate_by_other_names/AngularVel.csv", 200.0),
-        ("10_angular_rate_by_other_names/As_deg.txt", 200.0),
-        ("10_angular_rate_by_other_names/acce.csv", 200.0),
-        ("10_angular_rate_by_other_names/w_a_RS.csv", 200.0),
-        ("11_temperature_taken_for_time/clock.txt", 200.0),
-        ("12_MTi_log_taken_for_a_DOT/at_100_Hz.csv", 100.0),
-        ("12_MTi_log_taken_for_a_DOT/at_200_Hz.csv", 200.0),
-        ("14_gravity_and_user_acceleration/coremotion.csv.gz", 200.0),
-        ("15_one_table_a_sensor/polar", 200.0),
-        ("15_one_table_a_sensor/realworld", 200.0),
-        ("15_one_table_a_sensor/ronin", 200.0),
-        ("17_sentences_that_mislead/gps_time.csv", 200.0),
-        ("17_sentences_that_mislead/newest_first.csv", 200.0),
-    ],
-)
-def test_cases_that_are_read(place: str, rate_hz: float) -> None:
+@pytest.mark.parametrize("place", READ.split())
+def test_cases_that_are_read(place: str) -> None:
     found = inspect(read_raw(CASES / place))
     assert found.is_usable, found.verdict
-    assert found.stamps.rate_hz == pytest.approx(rate_hz, rel=1e-3)
+    assert found.stamps.rate_hz == pytest.approx(100.0 if "100_Hz" in place else 200.0, rel=2e-3)
     assert found.rest.acc_m_s2 == pytest.approx(9.82, abs=0.03)
 
 
@@ -380,25 +346,25 @@ def test_swapped_labels_are_named_with_a_command_that_works() -> None:
     assert len(read(path, columns=mapping)) == 4001
 
 
-@pytest.mark.parametrize(
-    ("names", "columns"),
-    [
-        (["Zeitstempel [ms]", *xyz("Beschleunigung {} (m/s²)"), *xyz("Drehrate {} (°/s)")], [T * 1e3, WALK.acc, DEG]),
-        (["sec", "nanosec", *xyz("imu.linear_acceleration.{}"), *xyz("imu.angular_velocity.{}")],
-         [np.floor(T + 5e8), np.round((T % 1.0) * 1e9), WALK.acc, WALK.gyr]),
-        (["iTOW (ms)", *xyz("sf_{} [g]"), *xyz("body_rates_{} [dps]")], [T * 1e3 + 4e8, G, DEG]),
-        (["Date", "GPS time (s)", "Timestamp (us)", *xyz("P{} [mg]"), *xyz("Q{} [mdps]")],
-         [["2024-05-01"] * len(T), T + 9.0, T * 1e6, G * 1e3, DEG * 1e3]),
-        (["t", *xyz("RotRate{} [deg/s]"), *xyz("Spec. force {} [m/s²]")], [T, DEG, WALK.acc]),
-        (["t", "ax", "ay", "az", "roll rate (deg/s)", "pitch rate (deg/s)", "yaw rate (deg/s)"], [T, WALK.acc, DEG]),
-        (["t", "fwd [m/s2]", "left [m/s2]", "up [m/s2]", "p [deg/s]", "q [deg/s]", "r [deg/s]"], [T, WALK.acc, DEG]),
-        (["Temps (s)", *xyz("accélération_{}"), *xyz("vitesse angulaire {} (rad/s)")], [T, WALK.acc, WALK.gyr]),
-        (["phone time [ms]", "device time [us]", *xyz("ACC{}[G]"), *xyz("w{}[deg/s]"), "T(°C)"],
-         [T * 1e3 + 3.0, T * 1e6, G, DEG, T * 0 + 20.0]),
-    ],
-)  # fmt: skip
-def test_other_names(names: list[str], columns: list[object], tmp_path: Path) -> None:
-    assert is_the_walk(read_raw(write(tmp_path / "walk.csv", names, columns, "\t")))
+OTHER_NAMES = [
+    (["Zeitstempel [ms]", *xyz("Beschleunigung {} (m/s²)", "Drehrate {} (°/s)")], [T * 1e3, WALK.acc, DEG]),
+    (["sec", "nanosec", *xyz("imu.linear_acceleration.{}", "imu.angular_velocity.{}")],
+     [np.floor(T + 5e8), np.round((T % 1.0) * 1e9), WALK.acc, WALK.gyr]),
+    (["iTOW (ms)", *xyz("sf_{} [g]", "body_rates_{} [dps]")], [T * 1e3 + 4e8, G, DEG]),
+    (["Date", "GPS time (s)", "Timestamp (us)", *xyz("P{} [mg]", "Q{} [mdps]")],
+     [["2024-05-01"] * len(T), T + 9.0, T * 1e6, G * 1e3, DEG * 1e3]),
+    (["t", *xyz("RotRate{} [deg/s]", "Spec. force {} [m/s²]")], [T, DEG, WALK.acc]),
+    (["t", "ax", "ay", "az", "roll rate (deg/s)", "pitch rate (deg/s)", "yaw rate (deg/s)"], [T, WALK.acc, DEG]),
+    (["t", "fwd [m/s2]", "left [m/s2]", "up [m/s2]", "p [deg/s]", "q [deg/s]", "r [deg/s]"], [T, WALK.acc, DEG]),
+    (["Temps (s)", *xyz("accélération_{}", "vitesse angulaire {} (rad/s)")], [T, WALK.acc, WALK.gyr]),
+    (["phone time [ms]", "device time [us]", *xyz("ACC{}[G]", "w{}[deg/s]"), "T(°C)"],
+     [T * 1e3 + 3.0, T * 1e6, G, DEG, T * 0 + 20.0]),
+]  # fmt: skip
+
+
+def test_other_names(tmp_path: Path) -> None:
+    for names, columns in OTHER_NAMES:
+        assert is_the_walk(read_raw(write(tmp_path / "walk.csv", names, columns, "\t"))), names
 
 
 def test_a_clock_without_a_date_over_midnight_and_newest_first(tmp_path: Path) -> None:
@@ -410,7 +376,7 @@ def test_a_clock_without_a_date_over_midnight_and_newest_first(tmp_path: Path) -
 
 
 def test_a_table_of_an_mti_that_is_read_as_a_dot_names_the_other(tmp_path: Path) -> None:
-    names = ["PacketCounter", "SampleTimeFine", *(f"{what}_{axis}" for what in ("Acc", "Gyr") for axis in "XYZ")]
+    names = ["PacketCounter", "SampleTimeFine", *axes("Acc_{}", "Gyr_{}")]
     path = write(tmp_path / "walk.csv", names, [np.arange(len(T)), np.round(T * 1e4), WALK.acc, WALK.gyr])
     with pytest.raises(FormatError, match=r"fg-nav inspect .* --format xsens"):
         read(path)
@@ -422,22 +388,20 @@ def test_a_table_of_an_mti_that_is_read_as_a_dot_names_the_other(tmp_path: Path)
 UP = np.tile([0.0, 0.6, 0.8], (len(T), 1)) * GRAVITY_M_S2
 
 
-@pytest.mark.parametrize(
-    ("names", "columns"),
-    [
-        (["t", *xyz("motionUserAcceleration{}(G)"), *xyz("motionGravity{}(G)"), *xyz("rotationRate.{}")],
-         [T, -(WALK.acc - UP) / GRAVITY_M_S2, -UP / GRAVITY_M_S2, WALK.gyr]),
-        (["t", *xyz("gravity_{}"), *xyz("lin_acc_{}"), *xyz("gyro_{}")], [T, UP, WALK.acc - UP, WALK.gyr]),
-        (["t", *xyz("LinearAccel{} (m/s2)"), *xyz("Gravity{} (m/s2)"), *xyz("Gyro{} (dps)"), "pressure (kPa)"],
-         [T, WALK.acc - UP, UP, DEG, np.full(len(T), 101.3)]),
-    ],
-)  # fmt: skip
-def test_gravity_is_added(names: list[str], columns: list[np.ndarray], tmp_path: Path) -> None:
-    raw = read_raw(write(tmp_path / "walk.csv", names, columns))
-    assert is_the_walk(raw)
-    assert any("as an iPhone has the sign turned" in note for note in raw.provenance.notes) == ("User" in names[1])
-    assert raw.pressure is None or np.nanmedian(raw.pressure) == pytest.approx(101300.0)
-    assert (raw.pressure is None) == ("pressure" not in names[-1])
+def test_gravity_is_added(tmp_path: Path) -> None:
+    apple, air = (WALK.acc - UP) / -GRAVITY_M_S2, np.full(len(T), 101.3)
+    for names, columns in (
+        (["t", *xyz("motionUserAcceleration{}(G)", "motionGravity{}(G)", "rotationRate.{}")],
+         [T, apple, -UP / GRAVITY_M_S2, WALK.gyr]),
+        (["t", *xyz("gravity_{}", "lin_acc_{}", "gyro_{}")], [T, UP, WALK.acc - UP, WALK.gyr]),
+        (["t", *xyz("LinearAccel{} (m/s2)", "Gravity{} (m/s2)", "Gyro{} (dps)"), "pressure (kPa)"],
+         [T, WALK.acc - UP, UP, DEG, air]),
+    ):  # fmt: skip
+        raw = read_raw(write(tmp_path / "walk.csv", names, columns))
+        assert is_the_walk(raw)
+        assert any("as an iPhone has the sign turned" in note for note in raw.provenance.notes) == ("User" in names[1])
+        assert (raw.pressure is None) == ("pressure" not in names[-1])
+    assert np.nanmedian(raw.pressure) == pytest.approx(101300.0)
 
 
 # 11: one table a sensor
@@ -458,20 +422,19 @@ def test_tables_of_two_sensors_in_a_folder(tmp_path: Path, fg_nav: FgNav) -> Non
 
 def test_a_marker_of_a_c3d_file_is_the_truth(tmp_path: Path) -> None:
     ezc3d = pytest.importorskip("ezc3d")
-    file = ezc3d.c3d()
-    file["parameters"]["POINT"]["RATE"]["value"] = [100.0]
-    file["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
-    file["parameters"]["POINT"]["LABELS"]["value"] = ["HEEL", "TOE"]
     there = np.cumsum(np.random.default_rng(2).normal(size=(3, 300)), axis=1)
-    points = np.ones((4, 2, 300))
-    points[:3, 0], points[:3, 1] = 1e3 * there, 0.0
-    file["data"]["points"] = points
-    file.write(str(tmp_path / "walk.c3d"))
+    for unit, per_m in (("m", 1.0), ("mm", 1e3)):
+        file, points = ezc3d.c3d(), np.ones((4, 2, 300))
+        for key, value in (("RATE", [100.0]), ("UNITS", [unit]), ("LABELS", ["HEEL", "TOE"])):
+            file["parameters"]["POINT"][key]["value"] = value
+        points[:3, 0], points[:3, 1] = per_m * there, 0.0
+        file["data"]["points"] = points
+        file.write(str(tmp_path / "walk.c3d"))
+        truth = read_truth(tmp_path / "walk.c3d:heel")
+        np.testing.assert_allclose(truth.position, there.T, atol=1e-4)
+        assert truth.t[-1] == pytest.approx(2.99)
     with pytest.raises(FormatError, match=r"holds 2 markers \(HEEL, TOE\): name one, such as `--truth walk.c3d:HEEL`"):
         read_truth(tmp_path / "walk.c3d")
-    truth = read_truth(tmp_path / "walk.c3d:heel")
-    np.testing.assert_allclose(truth.position, there.T, atol=1e-4)
-    assert truth.t[-1] == pytest.approx(2.99)
 
 
 def test_the_sigma_of_a_rate_may_be_said(tmp_path: Path, fg_nav: FgNav) -> None:
@@ -486,41 +449,42 @@ def test_the_sigma_of_a_rate_may_be_said(tmp_path: Path, fg_nav: FgNav) -> None:
 
 def _refused_files(folder: Path) -> list[Path]:
     """Files of the kinds that are refused, simulated and of the cases."""
-    still = 0.02 * np.random.default_rng(1).normal(size=(len(T), 3))
-    plain, dot = ["t", *xyz("a{}"), *xyz("g{}")], ["PacketCounter", "SampleTimeFine"]
+    t, acc, gyr = T[:2500], WALK.acc[:2500], WALK.gyr[:2500]
+    g, deg, still = acc / GRAVITY_M_S2, np.degrees(gyr), 0.02 * np.random.default_rng(1).normal(size=acc.shape)
+    plain, dot = ["t", *xyz("a{}", "g{}")], ["PacketCounter", "SampleTimeFine", *axes("Acc_{}", "Gyr_{}")]
     files: dict[str, tuple[list[str], list[object]]] = {
-        "counts.csv": (plain, [T, np.round(G * 2048), np.round(DEG * 16.4)]),
-        "still.csv": (plain, [T, still + np.array([0.0, 0.0, 9.81]), still]),
-        "swapped.csv": (plain, [T, WALK.gyr, WALK.acc]),
-        "steps.csv": (plain, [T * 2e4, WALK.acc, WALK.gyr]),
-        "twice.csv": (["t", *xyz("a{}"), *xyz("acc_{}"), *xyz("g{}")], [T, G, G, DEG]),
-        "clocks.csv": (["time", *plain], [T, T, G, DEG]),
-        "pqr.csv": ([*plain[:4], "p", "q", "r"], [T, WALK.acc, WALK.gyr]),
-        "bare file.csv": ([*map(str, range(1, 8))], [T, WALK.acc, WALK.gyr]),
-        "odd.csv": ([f"c{k}" for k in range(7)], [T, WALK.acc, WALK.gyr]),
-        "none.csv": (plain[1:], [WALK.acc, WALK.gyr]),
-        "fives.csv": (plain, [T, WALK.acc / 2.0, WALK.gyr]),
+        "counts.csv": (plain, [t, np.round(g * 2048), np.round(deg * 16.4)]),
+        "still.csv": (plain, [t, still + np.array([0.0, 0.0, 9.81]), still]),
+        "swapped.csv": (plain, [t, gyr, acc]),
+        "steps.csv": (plain, [t * 2e4, acc, gyr]),
+        "twice.csv": (["t", *xyz("a{}", "acc_{}", "g{}")], [t, g, g, deg]),
+        "clocks.csv": (["time", *plain], [t, t, g, deg]),
+        "pqr.csv": ([*plain[:4], "p", "q", "r"], [t, acc, gyr]),
+        "bare file.csv": ([*map(str, range(1, 8))], [t, acc, gyr]),
+        "odd.csv": ([f"c{k}" for k in range(7)], [t, acc, gyr]),
+        "none.csv": (plain[1:], [acc, gyr]),
+        "fives.csv": (plain, [t, acc / 2.0, gyr]),
         "foot print.csv": (["stride", "x_m", "y_m"], [np.arange(4)] * 3),
-        "dot.csv": (
-            [*dot, *(f"{what}_{axis}" for what in ("Acc", "Gyr") for axis in "XYZ")],
-            [np.arange(len(T)), np.round(T * 1e4), WALK.acc, WALK.gyr],
-        ),
-        "one/acc.csv": (["t", "x", "y", "z"], [T, WALK.acc]),
-        "one/gyro.csv": (["t", "x", "y", "z"], [T, WALK.gyr]),
+        "dot.csv": (dot, [np.arange(len(t)), np.round(t * 1e4), acc, gyr]),
+        "one/acc.csv": (["t", "x", "y", "z"], [t, acc]),
+        "one/gyro.csv": (["t", "x", "y", "z"], [t, gyr]),
     }
     (folder / "one").mkdir()
     made = [write(folder / name, *content) for name, content in files.items()]
     bare = folder / "bare file.csv"
     bare.write_text(bare.read_text().split("\n", 1)[1])
-    cases = [] if CASES is None else [p for p in sorted(CASES.glob("*/*")) if p.suffix in (".csv", ".txt", ".gz")]
-    return [path for path in [*made, *cases] if path.name != "README.txt"]
+    patterns = ("01*/feet*", "01*/sensor*", "02*/*.csv*", "17*/labels*")
+    return [*made, *(path for pattern in patterns if CASES is not None for path in sorted(CASES.glob(pattern)))]
 
 
 def test_no_refusal_proposes_what_fails(tmp_path: Path, fg_nav: FgNav) -> None:
-    """`fg_nav` tries what each refusal proposes, here as in all other tests (`tests/proposals.py`)."""
-    refusals = [ran.err for path in _refused_files(tmp_path) if (ran := fg_nav("inspect", path)).code == 1]
-    assert all(words.startswith("fg-nav: ") for words in refusals)
-    assert sum(bool(list_commands(words) or list_changes(words, ["inspect"])) for words in refusals) >= 10
+    tried = 0
+    for path in _refused_files(tmp_path):
+        ran = fg_nav("inspect", path)
+        if ran.code == 1:
+            assert ran.err.startswith("fg-nav: ")
+            tried += check_proposals(fg_nav, ["inspect", path], ran)
+    assert tried >= 6
 
 
 def test_a_proposal_that_fails_is_found(tmp_path: Path, fg_nav: FgNav) -> None:
@@ -537,7 +501,7 @@ def test_a_proposal_that_fails_is_found(tmp_path: Path, fg_nav: FgNav) -> None:
 
 def test_pressure_is_found_beside_mapped_columns_and_at_a_nominal_rate(tmp_path: Path) -> None:
     pressure = 101325.0 + np.arange(len(T)) % 7
-    names = ["Pressure (hPa)", *xyz("f{}"), *xyz("Gyro_{} (deg/s)")]
+    names = ["Pressure (hPa)", *xyz("f{}", "Gyro_{} (deg/s)")]
     path = write(tmp_path / "walk.csv", names, [pressure / 100.0, WALK.acc, DEG])
     given = "acc=fx:fy:fz[m/s^2]"
     completed = Reading(columns=given, rate_hz=200.0).read_raw(path)

@@ -7,28 +7,40 @@ import pytest
 import scipy.io
 
 from fg_nav.errors import FormatError
-from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.io import read, read_raw, write_canonical
+from fg_nav.io import read, read_raw, read_truth, write_canonical
 from fg_nav.io.streams import drop_held
+from fg_nav.lab.pyshoe import read_pyshoe_track
 from fg_nav.truth import FootprintTruth, TrajectoryTruth
 from tests.io.every_format import write_changed
 from tests.io.samples import (
     WRITERS,
+    tabulate,
     tilting,
     write_broad,
+    write_gdlbio,
     write_openshoe,
     write_pyshoe,
     write_sensorconnect,
     write_xio,
 )
+from tests.real_data import DATA, needs_data
 
 RAW = tilting(np.random.default_rng(1))
+IMU = np.column_stack([RAW.acc, RAW.gyr])
+
+
+def refuse(path: Path | str, words: str, format: str | None = None) -> str:
+    """Read what is to be refused in one sentence: what is wrong: what to try."""
+    with pytest.raises(FormatError, match=words) as caught:
+        read(path, format) if format is None else read_raw(path, format)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
 
 
 def test_format_overrides_recognition(tmp_path: Path) -> None:
-    path = tmp_path / "walk.csv"
-    write_xio(RAW, path)
-    assert read_raw(path, "xio").provenance.format == "xio"
+    write_xio(RAW, tmp_path / "walk.csv")
+    assert read_raw(tmp_path / "walk.csv", "xio").provenance.format == "xio"
     write_pyshoe(RAW, tmp_path / "walk.mat")
     for name, format, words in (
         ("walk.csv", "canonical", "no column 'time_s'"),
@@ -36,46 +48,33 @@ def test_format_overrides_recognition(tmp_path: Path) -> None:
         ("walk.csv", "gaitup", r"no format 'gaitup'.*canonical, sensorconnect"),
         ("walk.mat", "xio", "not a text file"),
     ):
-        with pytest.raises(FormatError, match=words):
-            read_raw(tmp_path / name, format)
+        refuse(tmp_path / name, words, format)
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
+def test_unknown_content_no_file_and_one_that_may_not_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "walk.csv"
+    for content, words in (
         (b"", "is empty"),
         (b"  \n \n", "is empty"),
         (b"hello,world\n1,2\n", "none of the .* formats.*fg-nav inspect"),
         (bytes(range(256)) * 40, "none of the .* formats"),
         (b"MATLAB 5.0 MAT-file" + bytes(2000), "damaged MATLAB file|none of the .* formats"),
         (b"MATLAB 7.3 MAT-file, Platform: GLNXA64" + b" " * 86 + b"\x00\x02IM" + bytes(500), "7.3"),
-    ],
-)
-def test_unknown_content(content: bytes, message: str, tmp_path: Path) -> None:
-    path = tmp_path / "walk.csv"
-    path.write_bytes(content)
-    with pytest.raises(FormatError, match=message) as caught:
-        read(path)
-    _is_one_sentence(str(caught.value))
-
-
-def test_no_file_or_one_that_may_not_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for path, words in (
-        (tmp_path / "nowhere.csv", r"nowhere\.csv does not exist"),
-        (tmp_path, "holds no file that is not empty"),
-        ("a\0b", "cannot be opened"),
     ):
-        with pytest.raises(FormatError, match=words):
-            read(path)
-    path = tmp_path / "walk.csv"
-    path.write_text("time_s\n")
+        path.write_bytes(content)
+        message = refuse(path, words)
+        assert message.endswith(".")
+        assert ": " in message
+    (tmp_path / "empty").mkdir()
+    refuse(tmp_path / "empty", "holds no file that is not empty")
+    refuse(tmp_path / "nowhere.csv", r"nowhere\.csv does not exist")
+    refuse("a\0b", "cannot be opened")
 
     def refused(*_: object, **__: object) -> None:
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(Path, "open", refused)  # the tests may run as root, who may read all
-    with pytest.raises(FormatError, match=r"cannot be opened.*Permission denied.*check its permissions"):
-        read(path)
+    refuse(path, r"cannot be opened.*Permission denied.*check its permissions")
 
 
 @pytest.mark.parametrize("kind", ["canonical", "sensorconnect", "estimated", "xio"])
@@ -87,20 +86,15 @@ def test_a_table_that_lacks_something_is_refused_with_what_and_where(kind: str, 
     assert len(needed) == 7
     for column in needed if kind != "xio" else []:
         path.write_text("\n".join(",".join(line[:column] + line[column + 1 :]) for line in lines))
-        with pytest.raises(FormatError, match="no column") as caught:
-            read(path)
-        _is_one_sentence(str(caught.value))
-        plain = lines[0][column].split(":")[-1].split(" (")[0]
-        assert plain.lower() in str(caught.value).lower()
+        message = refuse(path, "no column.*: .*\\.$")
+        assert lines[0][column].split(":")[-1].lower() in message.lower()
     for end in ("", "\n", "\n\n\n", "\r\n"):
         path.write_text(",".join(lines[0]) + end)
-        with pytest.raises(FormatError, match="has a header but no samples"):
-            read(path)
+        refuse(path, "has a header but no samples")
     lines[30][3] = "oops"
     path.write_text("\n".join(map(",".join, lines)))
-    with pytest.raises(FormatError, match=r"walk\.csv, line 31, column '.+': 'oops' is not a number") as caught:
-        read(path)
-    assert lines[0][3].split(":")[-1] in str(caught.value)
+    message = refuse(path, r"walk\.csv, line 31, column '.+': 'oops' is not a number")
+    assert lines[0][3].split(":")[-1] in message
 
 
 def test_lines_are_counted_past_blank_ones_and_a_byte_order_mark(tmp_path: Path) -> None:
@@ -114,77 +108,6 @@ def test_lines_are_counted_past_blank_ones_and_a_byte_order_mark(tmp_path: Path)
     np.testing.assert_array_equal(raw.acc, RAW.acc)
 
 
-def test_cut_off_last_line_costs_one_sample(tmp_path: Path) -> None:
-    path = tmp_path / "walk.txt"
-    write_openshoe(RAW, path)
-    path.write_text(path.read_text()[:-120])
-    recording = read(path)
-    assert len(recording) == len(RAW.t) - 1
-    assert recording.provenance.notes == (f"left out 1 missing sample, the first in row {len(RAW.t)}",)
-
-
-def test_openshoe_rate_is_nominal(tmp_path: Path) -> None:
-    path = tmp_path / "walk.txt"
-    for rate_hz, nominal_hz in ((249.75, 250.0), (123.0, 123.0)):
-        write_openshoe(tilting(np.random.default_rng(2), rate_hz=rate_hz), path)
-        assert np.diff(read(path).t) == pytest.approx(1 / nominal_hz, rel=1e-3 if rate_hz == nominal_hz else 1e-6)
-
-
-def test_truth_of_pyshoe_is_made_right_handed_at_all_samples_or_some(tmp_path: Path) -> None:
-    path = tmp_path / "walk.mat"
-    write_pyshoe(RAW, path)
-    truth = read(path).truth
-    assert isinstance(truth, TrajectoryTruth)
-    np.testing.assert_allclose(truth.position, np.column_stack([RAW.t, -2 * RAW.t, 0.1 + 0 * RAW.t]))
-    imu = np.column_stack([RAW.acc, RAW.gyr])
-    points = np.array([[0.0, 0, 0], [1, 2, 0], [3, 1, 0]])
-    scipy.io.savemat(path, {"imu": imu, "ts": RAW.t, "gt": points, "gt_idx": np.array([[0, 400, 800]])})
-    truth = read(path).truth
-    assert isinstance(truth, TrajectoryTruth)
-    np.testing.assert_allclose(truth.t, RAW.t[[0, 400, 800]])
-    np.testing.assert_allclose(truth.position, points * [1, -1, 1])
-
-
-def test_broad_truth_leaves_out_what_was_not_seen(tmp_path: Path) -> None:
-    path = tmp_path / "walk.mat"
-    write_broad(RAW, path)
-    truth = read(path).truth
-    assert isinstance(truth, TrajectoryTruth)
-    assert len(truth.t) == len(RAW.t) - 3
-    assert np.isfinite(truth.nav_R_body).all()
-
-
-def test_broad_quaternions_are_w_x_y_z_from_sensor_to_nav(tmp_path: Path) -> None:
-    """A sensor turned about the diagonal: its x axis points north, its y axis up and its z axis east."""
-    path, n = tmp_path / "turned.mat", len(RAW.t)
-    quaternion = np.tile([0.5, 0.5, 0.5, 0.5], (n, 1))
-    quaternion[n // 2 :] = [np.cos(0.3), 0.0, 0.0, np.sin(0.3)]  # 0.6 rad to the left about up
-    variables = {"imu_acc": RAW.acc, "imu_gyr": RAW.gyr, "opt_quat": quaternion, "opt_pos": np.zeros((n, 3))}
-    scipy.io.savemat(path, {**variables, "sampling_rate": 100.0})
-    truth = read_raw(path).truth
-    north, up, east = [0, 1, 0], [0, 0, 1], [1, 0, 0]
-    np.testing.assert_allclose(truth.nav_R_body[0].T, [north, up, east], atol=1e-12)
-    left = [[np.cos(0.6), -np.sin(0.6), 0.0], [np.sin(0.6), np.cos(0.6), 0.0], [0.0, 0.0, 1.0]]
-    np.testing.assert_allclose(truth.nav_R_body[-1], left, atol=1e-12)
-
-
-def _is_one_sentence(message: str) -> None:
-    assert "\n" not in message
-    assert message.endswith(".")
-    assert message.count(": ") >= 1  # what is wrong: what to try
-
-
-def test_files_are_made_of_a_motion_that_is_physical() -> None:
-    """Gravity and field turn in the body as the gyroscope says, so a reader that gives them back keeps every sign."""
-    raw = tilting(np.random.default_rng(2))
-    angle = np.cumsum(raw.gyr, axis=0) * np.diff(raw.t)[0]
-    for vector in (raw.acc, raw.mag):
-        turned = -np.cross(angle[10:] - angle[:-10], 0.5 * (vector[10:] + vector[:-10]))
-        gain = np.sum(turned * (vector[10:] - vector[:-10])) / np.sum(turned**2)
-        assert gain == pytest.approx(1.0, abs=0.02)
-    assert raw.acc[0, 2] == pytest.approx(GRAVITY_M_S2, abs=0.1)
-
-
 def test_what_is_not_valid_or_not_there_is_no_sample(tmp_path: Path) -> None:
     """An estimate that is flagged, and a number that is missing: the others of the row stay."""
     for kind, found, instead in (
@@ -193,26 +116,10 @@ def test_what_is_not_valid_or_not_there_is_no_sample(tmp_path: Path) -> None:
     ):
         path = write_changed(kind, RAW, tmp_path, ("", found, instead))
         raw = read_raw(path)
-        assert np.isnan(raw.acc[49]).tolist() == [True, False, False]
-        assert np.isnan(raw.acc).sum() == 1
+        assert len(raw.t) == len(RAW.t)
+        assert np.argwhere(np.isnan(raw.acc)).tolist() == [[49, 0]]
+        np.testing.assert_allclose(raw.gyr, RAW.gyr)
         assert read(path).provenance.notes == ("left out 1 missing sample, the first in row 51",)
-
-
-def test_footprints_beside_and_damaged_ones_which_cost_the_truth_only(tmp_path: Path) -> None:
-    path, xy = tmp_path / "walk.csv", np.array([[0.0, 0.0], [1.0, 2.0], [3.0, 4.0]])
-    write_sensorconnect(RAW, path)
-    stride, count = np.array([[0, 100, 250]], dtype=np.uint8), np.array([[255]], dtype=np.uint8)
-    beside = {"GCP_meters": xy, "GCP_stride_numbers": stride, "numberOfStrides": count}
-    scipy.io.savemat(tmp_path / "walk.mat", beside)
-    truth = read(path).truth
-    assert isinstance(truth, FootprintTruth)
-    assert truth.stride_count == 255
-    assert (truth.stride - 251).tolist() == [-251, -151, -1]  # would wrap in uint8
-    np.testing.assert_array_equal(truth.xy, xy)
-    (tmp_path / "walk.mat").write_bytes(b"MATLAB 5.0 MAT-file" + bytes(300))
-    recording = read(path)
-    assert recording.truth is None
-    assert "the file next to it gave no truth: walk.mat" in recording.provenance.notes[0]
 
 
 def test_units_in_the_header(tmp_path: Path) -> None:
@@ -231,11 +138,9 @@ def test_units_in_the_header(tmp_path: Path) -> None:
         ("Time", "us", 1e6),
     ):
         names = header.split(",")
-        changed = [k for k, name in enumerate(names) if name.startswith(quantity)]
-        for k in changed:
-            names[k] = f"{names[k].split(' (')[0]} ({unit})"
-        scaled = table * np.where(np.isin(np.arange(table.shape[1]), changed), scale, 1.0)
-        path.write_text("\n".join([",".join(names), *(",".join(map(repr, row)) for row in scaled.tolist())]))
+        own = np.array([name.startswith(quantity) for name in names])
+        names = [f"{name.split(' (')[0]} ({unit})" if k else name for k, name in zip(own, names, strict=True)]
+        path.write_text(tabulate(names, [table * np.where(own, scale, 1.0)]))
         raw = read_raw(path)
         np.testing.assert_allclose(raw.t, RAW.t, atol=1e-9)
         for name in ("acc", "gyr", "mag"):
@@ -272,27 +177,149 @@ def test_repeats_of_a_coarse_magnetometer_at_rest_stay() -> None:
     np.testing.assert_array_equal(drop_held(mag, gyr), mag)
 
 
-@pytest.mark.parametrize(
-    ("pause_s", "words"),
-    [
-        (0.0, "the row numbers begin again in row 701: by the computer's clock nothing is missing there"),
-        (0.3, "0.31 s later"),
-        (20.0, "there is a gap of 20.0"),
-    ],
-)
-def test_openshoe_row_numbers_that_begin_again_go_on_by_the_clock_of_the_computer(
-    pause_s: float, words: str, tmp_path: Path
-) -> None:
-    """Bridged, or cut where the pause is long."""
-    path, at = tmp_path / "walk.txt", 700
+# OpenShoe
+
+
+def test_openshoe_rate_is_nominal_and_a_cut_off_last_line_costs_one_sample(tmp_path: Path) -> None:
+    path = tmp_path / "walk.txt"
+    for rate_hz, nominal_hz in ((249.75, 250.0), (123.0, 123.0)):
+        write_openshoe(tilting(np.random.default_rng(2), rate_hz=rate_hz), path)
+        assert np.diff(read(path).t) == pytest.approx(1 / nominal_hz, rel=1e-3 if rate_hz == nominal_hz else 1e-6)
+    write_openshoe(RAW, path)
+    path.write_text(path.read_text()[:-120])
+    recording = read(path)
+    assert len(recording) == len(RAW.t) - 1
+    assert recording.provenance.notes == (f"left out 1 missing sample, the first in row {len(RAW.t)}",)
+
+
+def test_openshoe_row_numbers_that_begin_again_go_on_by_the_clock_of_the_computer(tmp_path: Path) -> None:
+    path, k = tmp_path / "walk.txt", np.arange(len(RAW.t))
     write_openshoe(RAW, path)
     lines = [line.split() for line in path.read_text().splitlines()]
-    for k, fields in enumerate(lines):
-        fields[9] = str(k + 1 if k < at else k - at + 1)
-        fields[10] = f"{1274434048.5 + k * 0.005 + (pause_s if k >= at else 0.0):.6f}"
-    path.write_text("\n".join("   ".join(fields) for fields in lines) + "\n")
+    for pause_s, step_s, words in (
+        (0.04, 0.005, "nothing is missing there"),
+        (0.05, 0.055, "0.06 s later"),  # packets are late by less
+        (9990.0, 9990.005, "9990.01 s later"),
+        (10010.0, -3.495, ""),  # the clock was set: the row numbers are left as they are
+        (-5.0, -3.495, ""),
+    ):
+        for row, fields in enumerate(lines):
+            fields[9], fields[10] = str(row % 700 + 1), f"{1.3e9 + row * 0.005 + (pause_s if row >= 700 else 0.0):.6f}"
+        path.write_text("\n".join("   ".join(fields) for fields in lines[:1400]) + "\n")
+        raw = read_raw(path)
+        np.testing.assert_allclose(np.diff(raw.t), np.where(k[1:1400] == 700, step_s, 0.005), atol=1e-9)
+        begun = "the row numbers begin again in row 701: by the computer's clock "
+        assert raw.provenance.notes == ((begun + words,) if words else ())
+
+
+# truths
+
+
+def test_truth_of_pyshoe_is_made_right_handed_at_all_samples_or_some(tmp_path: Path) -> None:
+    path = tmp_path / "walk.mat"
+    write_pyshoe(RAW, path)
+    truth = read(path).truth
+    assert isinstance(truth, TrajectoryTruth)
+    np.testing.assert_allclose(truth.position, np.column_stack([RAW.t, -2 * RAW.t, 0.1 + 0 * RAW.t]))
+    points = np.array([[0.0, 0, 0], [1, 2, 0], [9, 9, 9], [3, 1, 0]])  # the third comes no later
+    scipy.io.savemat(path, {"imu": IMU, "ts": RAW.t, "gt": points, "gt_idx": np.array([[0, 400, 400, 800]])})
+    truth = read(path).truth
+    assert isinstance(truth, TrajectoryTruth)
+    np.testing.assert_allclose(truth.t, RAW.t[[0, 400, 800]])
+    np.testing.assert_allclose(truth.position, points[[0, 1, 3]] * [1, -1, 1])
+
+
+def test_broad_quaternions_are_w_x_y_z_from_sensor_to_nav_where_it_was_seen(tmp_path: Path) -> None:
+    """A sensor turned about the diagonal: its x axis points north, its y axis up and its z axis east."""
+    path, n = tmp_path / "turned.mat", len(RAW.t)
+    write_broad(RAW, path)
+    truth = read(path).truth
+    assert len(truth.t) == n - 3
+    assert np.isfinite(truth.nav_R_body).all()
+    quaternion = np.tile([0.5, 0.5, 0.5, 0.5], (n, 1))
+    quaternion[n // 2 :] = [np.cos(0.3), 0.0, 0.0, np.sin(0.3)]  # 0.6 rad to the left about up
+    variables = {"imu_acc": RAW.acc, "imu_gyr": RAW.gyr, "opt_quat": quaternion, "opt_pos": np.zeros((n, 3))}
+    scipy.io.savemat(path, {**variables, "sampling_rate": 100.0})
+    truth = read_raw(path).truth
+    north, up, east = [0, 1, 0], [0, 0, 1], [1, 0, 0]
+    np.testing.assert_allclose(truth.nav_R_body[0].T, [north, up, east], atol=1e-12)
+    left = [[np.cos(0.6), -np.sin(0.6), 0.0], [np.sin(0.6), np.cos(0.6), 0.0], [0.0, 0.0, 1.0]]
+    np.testing.assert_allclose(truth.nav_R_body[-1], left, atol=1e-12)
+
+
+def test_footprints_beside_and_damaged_ones_which_cost_the_truth_only(tmp_path: Path) -> None:
+    path, xy = tmp_path / "walk.csv", np.array([[0.0, 0.0], [1.0, 2.0], [3.0, 4.0]])
+    write_sensorconnect(RAW, path)
+    stride, count = np.array([[0, 100, 250]], dtype=np.uint8), np.array([[255]], dtype=np.uint8)
+    beside = {"GCP_meters": xy, "GCP_stride_numbers": stride, "numberOfStrides": count}
+    scipy.io.savemat(tmp_path / "walk.mat", beside)
+    truth = read(path).truth
+    assert isinstance(truth, FootprintTruth)
+    assert truth.stride_count == 255
+    assert (truth.stride - 251).tolist() == [-251, -151, -1]  # would wrap in uint8
+    np.testing.assert_array_equal(truth.xy, xy)
+    (tmp_path / "walk.mat").write_bytes(b"MATLAB 5.0 MAT-file" + bytes(300))
     recording = read(path)
-    assert words in " ".join(recording.provenance.notes)
-    assert len(recording) == len(RAW.t) - (at if pause_s > 1.0 else 0)
-    longest = 0.005 if pause_s > 1.0 else 0.005 + pause_s
-    assert np.diff(recording.t).max() == pytest.approx(longest)
+    assert recording.truth is None
+    assert "the file next to it gave no truth: walk.mat" in recording.provenance.notes[0]
+
+
+def test_footprints_of_gdlbio_are_made_right_handed_and_their_times_are_the_recordings(tmp_path: Path) -> None:
+    path, middle = tmp_path / "walk.mat", len(RAW.t) // 2
+    write_gdlbio(RAW, path)
+    truth, t = read(path).truth, RAW.t[::100]
+    assert isinstance(truth, FootprintTruth)
+    np.testing.assert_allclose(truth.t, t)
+    np.testing.assert_allclose(truth.xy, np.column_stack([t, 2.0 * t]))
+    np.testing.assert_array_equal(truth.stride, np.arange(len(t)))
+    assert truth.stride_count == len(t) - 1
+    np.testing.assert_allclose(read_pyshoe_track(path), np.column_stack([RAW.t, 2.0 * RAW.t]))
+    np.testing.assert_allclose(read_truth(path).xy, truth.xy)
+    # stamps that are evened out take them along
+    write_gdlbio(RAW, path, timestamps=RAW.t + np.random.default_rng(2).uniform(0.0, 1e-3, len(RAW.t)))
+    recording = read(path)
+    np.testing.assert_allclose(recording.truth.t, recording.t[::100], atol=1e-9)
+    # a clock that begins again loses them
+    write_gdlbio(RAW, path, timestamps=np.concatenate([RAW.t[:middle], RAW.t[: len(RAW.t) - middle]]))
+    recording = read(path)
+    assert recording.truth.t is None
+    assert any("the clock beg" in note for note in recording.provenance.notes)
+
+
+def test_a_walk_of_gdlbio_may_have_no_footprints_and_each_defect_is_one_sentence(tmp_path: Path) -> None:
+    path, count = tmp_path / "walk.mat", len(RAW.t[::100])
+    write_gdlbio(RAW, path, GCP=None, pyshoeTrajectory=None)
+    assert read(path).truth is None
+    for reader, words in ((read_truth, "neither footprints nor a true path"), (read_pyshoe_track, "no variable 'pysh")):
+        with pytest.raises(FormatError, match=words):
+            reader(path)
+    rising = "rising samples of the recording"
+    for changes, message in (
+        ({"imu_data": None}, "no variable 'imu_data'"),
+        ({"timestamps": None}, "no variable 'timestamps'"),
+        ({"imu_data": np.zeros((900, 5))}, r"shape \(900, 5\), not \(N, 6\)"),
+        ({"timestamps": RAW.t[:-1]}, "'timestamps' has"),
+        ({"GCP": np.zeros((3, 2))}, "'GCP' has 3 rows, 'strideIndex'"),
+        ({"GCP": np.full((count, 2), np.nan)}, "a footprint that is not finite"),
+        ({"strideIndex": np.arange(count) * 1000}, rising),
+        ({"strideIndex": -np.ones(count)}, rising),
+        ({"strideIndex": np.full(count, 7)}, rising),
+        ({"strideIndex": np.arange(count) + 0.5}, rising),
+    ):
+        write_gdlbio(RAW, path, **changes)
+        refuse(path, rf"^walk\.mat.*{message}.*\.$", "gdlbio")
+
+
+@needs_data
+@pytest.mark.parametrize(("number", "samples", "strides"), [(48, 1864, 8), (62, 10600, 37), (66, 9000, 48)])
+def test_real_walks_of_gdlbio(number: int, samples: int, strides: int) -> None:
+    path = DATA / "gdlbio" / f"SensorConnectData_{number}_GDLBIO.mat"
+    recording, track = read(path), read_pyshoe_track(path)
+    truth = recording.truth
+    assert recording.provenance.format == "gdlbio"
+    assert (len(recording), len(track)) == (samples, samples)
+    assert truth.stride_count == strides
+    sample = np.searchsorted(recording.t, truth.t)
+    turning = np.linalg.norm(recording.gyr, axis=1)
+    assert np.median(turning[sample]) < 0.4 * np.median(turning)  # the foot stands there
+    assert 0.6 < np.median(np.linalg.norm(np.diff(truth.xy, axis=0), axis=1)) < 2.5

@@ -75,7 +75,7 @@ def small_file(compress: bool) -> bytes:
 
 @pytest.mark.parametrize("compress", [False, True])
 def test_one_wrong_byte_is_read_or_refused(compress: bool) -> None:
-    """Of all places, three wrong bytes, a flipped bit, and the end."""
+    """Of all places, three wrong bytes, a flipped bit, and the end; some would end the process of scipy's reader."""
     whole = small_file(compress)
     values, refused = np.random.default_rng(5).integers(256, size=(len(whole), 3), dtype=np.uint8), 0
     for at in range(116, len(whole)):
@@ -86,15 +86,10 @@ def test_one_wrong_byte_is_read_or_refused(compress: bool) -> None:
             except FormatError:
                 refused += 1
     assert refused > len(whole)
-
-
-def test_what_ended_the_process_of_scipy_is_refused() -> None:
-    # the type of the values' element, 9, becomes 250: a table of the compiled reader has no such row
-    whole = small_file(compress=False)
-    at = whole.index(b"imu") + 4
-    data = whole[:at] + bytes([250]) + whole[at + 1 :]
-    with pytest.raises(FormatError, match="damaged MATLAB file"):
-        matlab.load_arrays(data, "walk.mat")
+    if not compress:  # 250 for the type 9 of the values: scipy's table of types has no such row
+        at = whole.index(b"imu") + 4
+        with pytest.raises(FormatError, match="damaged MATLAB file"):
+            matlab.load_arrays(whole[:at] + bytes([250]) + whole[at + 1 :], "walk.mat")
 
 
 def test_a_bomb_is_refused_before_it_is_unpacked() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,15 +12,7 @@ from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io import read_raw
 from fg_nav.recording import RawRecording, Recording
-from tests.io.foreign_phones import (
-    Files,
-    expected_force,
-    hyperimu,
-    phyphox,
-    sensor_logger,
-    sensorlog,
-    write_files,
-)
+from tests.io.foreign_phones import Files, expected_force, hyperimu, phyphox, sensor_logger, sensorlog, write_files
 from tests.io.samples import tilting
 from tests.real_data import DATA, needs_data
 
@@ -46,19 +39,14 @@ WITHOUT_GRAVITY = "no accelerometer.*record the accelerometer, with gravity in i
 def test_one_file_of_several_or_two_of_a_sensor_are_refused(tmp_path: Path) -> None:
     files, logged = phyphox(RAW), sensor_logger(RAW)
     linear = files["Linear Accelerometer.csv"] + files["Accelerometer.csv"].split("\n", 1)[1]
+    mag = {"Magnetometer.csv": files["Magnetometer.csv"], "note.txt": "of today"}
     for k, (given, words) in enumerate(
         (
             ({"": files["Gyroscope.csv"]}, "has no accelerometer, only gyroscope: give the folder"),
             ({"": linear}, WITHOUT_GRAVITY),
             ({"": logged["Gyroscope.csv"]}, "is one sensor of Sensor Logger: give the folder or zip"),
-            (
-                {"Magnetometer.csv": files["Magnetometer.csv"], "note.txt": "of today"},
-                "no accelerometer, only magnetometer",
-            ),
-            (
-                {**files, "data.csv": files["Gyroscope.csv"]},
-                "two tables of a sensor .*gyroscope: Gyroscope.csv.*data.csv",
-            ),
+            (mag, "no accelerometer, only magnetometer"),
+            ({**files, "data.csv": files["Gyroscope.csv"]}, "two tables of a sensor .*gyroscope: Gyroscope.csv.*data"),
         )
     ):
         (tmp_path / str(k)).mkdir()
@@ -66,14 +54,21 @@ def test_one_file_of_several_or_two_of_a_sensor_are_refused(tmp_path: Path) -> N
             read_files(given, tmp_path / str(k) / "Gyroscope.csv")
 
 
-def test_sensor_logger_finds_the_sign_without_metadata(tmp_path: Path) -> None:
+def test_sensor_logger_finds_the_sign_without_metadata_and_takes_calibrated_samples_first(tmp_path: Path) -> None:
     """By the uncalibrated accelerometer, or by what an Android phone records."""
     files = dict(sensor_logger(RAW, "ios"))
     del files["Metadata.csv"]
     files["AccelerometerUncalibrated.csv"] = sensor_logger(RAW, "raw")["AccelerometerUncalibrated.csv"]
-    for k, one in enumerate((files, sensor_logger(RAW, "bare"))):
+    bare = dict(sensor_logger(RAW, "bare"))
+    alone = {name: text for name, text in bare.items() if name not in ("Accelerometer.csv", "Gravity.csv")}
+    off = sensor_logger(replace(RAW, gyr=RAW.gyr + 1.0, mag=2.0 * RAW.mag))
+    for name in ("Gyroscope", "Magnetometer"):
+        bare[f"{name}Uncalibrated.csv"] = off[f"{name}.csv"]
+    for k, one in enumerate((files, bare, alone)):
         known = read_files(one, tmp_path / str(k))
         np.testing.assert_allclose(known.acc, expected_force(RAW, known.t), atol=1e-6)
+        np.testing.assert_allclose(known.gyr, RAW.gyr[1:-1], atol=1e-6)
+        np.testing.assert_allclose(known.mag[1::2], RAW.mag[2:-1:2], atol=1e-6)
 
 
 def test_a_field_that_is_mostly_the_phones_is_left_out(tmp_path: Path) -> None:
@@ -112,9 +107,8 @@ def test_a_sensor_that_the_phone_does_not_have(app, tmp_path: Path) -> None:
 
 
 @needs_data
-@pytest.mark.parametrize(
-    ("place", "rate_hz", "rest", "field_uT"),
-    [
+def test_real_recordings() -> None:
+    for place, rate_hz, rest, field_uT in (
         ("phyphox/test_case4", 52.4, 9.9, 54.6),
         ("phyphox-derived/semicolon-decimal-comma", 10.0, 9.8, 48.0),
         ("phyphox-derived/tab-decimal-comma", 10.0, 9.8, 48.0),
@@ -123,16 +117,14 @@ def test_a_sensor_that_the_phone_does_not_have(app, tmp_path: Path) -> None:
         ("sensor-logger-android", 101.5, 9.9, 36.4),
         ("physics-toolbox/INPUT_N.csv", 14.7, 9.9, None),
         ("hyperimu/short_y_impulse.csv", 43.5, 9.9, None),
-    ],
-)
-def test_real_recordings(place: str, rate_hz: float, rest: float, field_uT: float | None) -> None:
-    raw = read_raw(DATA / "formats" / place)
-    assert 1.0 / np.median(np.diff(raw.t)) == pytest.approx(rate_hz, abs=0.1)
-    assert np.nanmedian(np.linalg.norm(raw.acc, axis=1)) == pytest.approx(rest, abs=0.8)
-    assert (raw.mag is None) == (field_uT is None)
-    if raw.mag is not None:
-        assert np.nanmedian(np.linalg.norm(raw.mag, axis=1)) == pytest.approx(field_uT, abs=0.1)
-    Recording.from_raw(raw)
+    ):
+        raw = read_raw(DATA / "formats" / place)
+        assert 1.0 / np.median(np.diff(raw.t)) == pytest.approx(rate_hz, abs=0.1), place
+        assert np.nanmedian(np.linalg.norm(raw.acc, axis=1)) == pytest.approx(rest, abs=0.8), place
+        assert (raw.mag is None) == (field_uT is None)
+        if raw.mag is not None:
+            assert np.nanmedian(np.linalg.norm(raw.mag, axis=1)) == pytest.approx(field_uT, abs=0.1)
+        Recording.from_raw(raw)
 
 
 @needs_data

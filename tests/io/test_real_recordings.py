@@ -10,6 +10,7 @@ from fg_nav.detection.stance import Stances
 from fg_nav.errors import FormatError
 from fg_nav.io import read, read_raw, read_truth
 from fg_nav.lab.pyshoe import read_pyshoe_labels
+from fg_nav.mechanisation import rotate_in_body
 from fg_nav.recording import Recording
 from fg_nav.samples.plausibility import measure_gravity_transport, measure_rest_acc
 from fg_nav.truth import FootprintTruth, TrajectoryTruth
@@ -39,27 +40,23 @@ def test_every_file_is_read_and_obeys_physics(path: Path) -> None:
         assert 35 < np.nanmedian(np.linalg.norm(recording.mag, axis=1)) < 60
 
 
-@pytest.mark.parametrize(
-    ("name", "format", "samples", "rate_hz", "mag_share", "truth"),
-    [
+def test_sizes() -> None:
+    for name, format, samples, rate_hz, mag_share, truth in (
         ("gdin/own/SensorConnectData_31.csv", "sensorconnect", 8549, 200, 1.0, FootprintTruth),
         ("gdin/own/SensorConnectData_43.csv", "sensorconnect", 15500, 250, None, FootprintTruth),
         ("gdin/own_obsolete/SensorConnectData_15.csv", "sensorconnect", 19001, 200, 1.0, FootprintTruth),
         ("vicon/2017-11-22-11-22-03.mat", "pyshoe", 6490, 200, None, TrajectoryTruth),
-        ("openshoe/data_inert1.txt", "openshoe", 16420, 250, 0.97, None),
-        ("openshoe/data_inert7.txt", "openshoe", 16540, 250, 0.97, None),
-        ("xio/short_walk.csv", "xio", 16334, 398.3, None, None),
+        ("openshoe/data_inert1.txt", "openshoe", 16420, 250, 0.97, type(None)),
+        ("openshoe/data_inert7.txt", "openshoe", 16540, 250, 0.97, type(None)),
+        ("xio/short_walk.csv", "xio", 16334, 398.3, None, type(None)),
         ("broad/01_undisturbed_slow_rotation_A.mat", "broad", 56940, 285.714, 0.708, TrajectoryTruth),
-    ],
-)
-def test_sizes(name: str, format: str, samples: int, rate_hz: float, mag_share: float | None, truth: type) -> None:
-    recording = read(DATA / name)
-    assert recording.provenance.format == format
-    assert len(recording) == samples
-    assert 1 / recording.period_s == pytest.approx(rate_hz, rel=1e-3)
-    assert isinstance(recording.truth, truth or type(None))
-    share = None if recording.mag is None else float(np.mean(~np.isnan(recording.mag[:, 0])))
-    assert share == (None if mag_share is None else pytest.approx(mag_share, abs=2e-3))
+    ):
+        recording = read(DATA / name)
+        assert (recording.provenance.format, len(recording)) == (format, samples)
+        assert 1 / recording.period_s == pytest.approx(rate_hz, rel=1e-3)
+        assert isinstance(recording.truth, truth)
+        share = None if recording.mag is None else float(np.mean(~np.isnan(recording.mag[:, 0])))
+        assert share == (None if mag_share is None else pytest.approx(mag_share, abs=2e-3))
 
 
 def test_gdin_footprints() -> None:
@@ -98,21 +95,22 @@ def _course_and_heading(path: Path) -> tuple[float, float]:
 
 def _turned(recording: Recording, stances: Stances) -> np.ndarray:
     """Angle (N,) turned about up, rad; from each stance on, the gyroscope carries up along."""
-    angle = np.zeros(len(recording))
     step = np.diff(recording.t, prepend=recording.t[0])
+    turn, angle = recording.gyr * step[:, None], np.zeros(len(recording))
     edges = [*stances.start.tolist(), len(recording)]
     for start, begin, stop in zip(edges, stances.stop.tolist(), edges[1:], strict=False):
-        up = recording.acc[start:begin].mean(axis=0)
-        angle[start:begin] = recording.gyr[start:begin] @ (up / np.linalg.norm(up))
+        up, turned = recording.acc[start:begin].mean(axis=0), np.eye(3)
+        up /= np.linalg.norm(up)
+        angle[start:begin] = turn[start:begin] @ up
         for k in range(begin, stop):
-            up = Rotation.from_rotvec(-recording.gyr[k] * step[k]).apply(up)
-            angle[k] = recording.gyr[k] @ up / np.linalg.norm(up)
-    return np.cumsum(angle * step)
+            rotate_in_body(turned, *turn[k])
+            angle[k] = turn[k] @ (up @ turned)
+    return np.cumsum(angle)
 
 
 def test_broad_truth_is_the_attitude_of_the_sensor() -> None:
     """At rest the true attitude takes specific force to up; and it turns as the gyroscope says."""
-    for path in sorted((DATA / "broad").glob("*.mat")):
+    for path in sorted((DATA / "broad").glob("*.mat"))[::3]:
         recording = read(path)
         truth = recording.truth
         index = np.searchsorted(recording.t, truth.t)

@@ -1,5 +1,7 @@
 """Files of sensor makers' tools: what they leave to choose, and what only some of them hold (`test_every_format`)."""
 
+import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -7,28 +9,22 @@ import pytest
 
 from fg_nav.errors import FormatError
 from fg_nav.io import read, read_raw
+from tests.io import foreign_sensors as files
 from tests.io.every_format import write_changed
-from tests.io.foreign_sensors import (
-    write_apdm,
-    write_dot_sdk,
-    write_metawear,
-    write_shimmer,
-    write_ximu3,
-    write_xsens_mt,
-)
 from tests.io.samples import tilting
 from tests.real_data import DATA, needs_data
 
 RAW = tilting(np.random.default_rng(3), duration_s=4.0, rate_hz=100.0, still_s=1.0)
+needs_ros = pytest.mark.skipif(find_spec("rosbags") is None, reason="the extra `ros` is not installed")
 
 
 def test_time_of_xsens_is_its_clock_the_counter_or_a_rate(tmp_path: Path) -> None:
     path, kept = tmp_path / "walk.txt", np.arange(len(RAW.t)) != 7
-    write_xsens_mt(RAW, path)
+    files.write_xsens_mt(RAW, path)
     raw = read_raw(path)
     np.testing.assert_allclose(raw.t, RAW.t[kept], atol=1e-9)
     assert raw.row[0] == 8
-    write_xsens_mt(RAW, path, ",", fine=True)
+    files.write_xsens_mt(RAW, path, ",", fine=True)
     raw = read_raw(path)
     np.testing.assert_allclose(raw.t - raw.t[0], RAW.t[kept], atol=1e-4)
     path.write_text("\n".join(path.read_text().splitlines()[6:]).replace("SampleTimeFine", "Other"))
@@ -39,7 +35,7 @@ def test_time_of_xsens_is_its_clock_the_counter_or_a_rate(tmp_path: Path) -> Non
 
 def test_dot_at_rest_shows_no_unit(tmp_path: Path) -> None:
     path, still = tmp_path / "walk.csv", tilting(np.random.default_rng(4), 4.0, 100.0, still_s=9.0)
-    write_dot_sdk(still, path)
+    files.write_dot_sdk(still, path)
     with pytest.raises(FormatError, match=r"deg/s or rad/s.*--columns '.*Gyr_X:Gyr_Y:Gyr_Z\[deg/s\]' --rate 100`"):
         read(path)
     mapped = "acc=Acc_X:Acc_Y:Acc_Z[m/s^2],gyr=Gyr_X:Gyr_Y:Gyr_Z[deg/s]"
@@ -48,7 +44,7 @@ def test_dot_at_rest_shows_no_unit(tmp_path: Path) -> None:
 
 def test_one_of_several_sensors_must_be_named(tmp_path: Path) -> None:
     path = tmp_path / "walk.csv"
-    write_apdm(RAW, path)
+    files.write_apdm(RAW, path)
     with pytest.raises(FormatError, match=r"2 sensors \(Lumbar, Left Foot\): name one, such as `--sensor 'Left Foot'`"):
         read(path)
     with pytest.raises(FormatError, match="no one 'right' among its sensors: choose one of Lumbar, Left Foot"):
@@ -56,26 +52,37 @@ def test_one_of_several_sensors_must_be_named(tmp_path: Path) -> None:
     np.testing.assert_allclose(read(path, sensor="LUMBAR").gyr, -RAW.gyr, atol=1e-6)
 
 
-def test_shimmer_takes_the_clock_in_numbers_and_leaves_out_a_time_that_is_none(tmp_path: Path) -> None:
-    path = tmp_path / "walk.csv"
-    write_shimmer(RAW, path, formatted=True)
+def test_shimmer_takes_the_clock_since_1970_before_its_own_and_numbers_before_text(tmp_path: Path) -> None:
+    path, start_s = tmp_path / "walk.csv", 1e-3 * files.EPOCH_MS
+    unix, text, own = "Timestamp_Unix", "Timestamp_FormattedUnix", "Timestamp"
+    for clocks, first_s, step_s in (
+        ((own, text, unix), start_s, 0.01),
+        ((unix, text, own), start_s, 0.01),
+        ((text, own), 1.0, 0.02),
+        ((own,), 1.0, 0.02),
+        ((text,), start_s, 0.01),
+    ):
+        files.write_shimmer(RAW, path, clocks=clocks)
+        t = read_raw(path).t
+        assert t[0] == pytest.approx(first_s), clocks
+        np.testing.assert_allclose(np.diff(t), step_s, atol=1e-6)
+    # a time that is none
     path.write_bytes(path.read_bytes().replace(b"2020/07/28 10:56:50.044", b"yesterday"))
     assert np.isnan(read_raw(path).t[1])
     assert "left out 1 missing sample, the first in row 5" in read(path).provenance.notes
-    write_shimmer(RAW, path)
+    # the clock of another device counts where there is none of its own
+    files.write_shimmer(RAW, path, clocks=(own,))
+    path.write_bytes(path.read_bytes().replace(b"Shimmer_40AC_Timestamp", b"Shimmer_7_Timestamp"))
+    np.testing.assert_allclose(np.diff(read_raw(path).t), 0.02, atol=1e-6)
+    files.write_shimmer(RAW, path)
     sep, names, units, *rows = path.read_text().splitlines()
-    first = [f"Shimmer_40AC_Timestamp_CAL;{names}", f"ms;{units}", *(f"1;{row}" for row in rows)]
-    path.write_text("\n".join([sep, *first]))
+    other = [f"Shimmer_7_Timestamp_Unix_CAL;{names}", f"ms;{units}", *(f"1;{row}" for row in rows)]
+    path.write_text("\n".join([sep, *other]))
     np.testing.assert_allclose(np.diff(read_raw(path).t), 0.01, atol=1e-6)
 
 
-def test_movesense_without_a_magnetometer(tmp_path: Path) -> None:
-    path = write_changed("movesense", RAW, tmp_path, ("", "ArrayMagn", "ArrayTemp"))
-    assert read(path).mag is None
-
-
 def test_metawear_leaves_out_rows_whose_clocks_are_damaged(tmp_path: Path) -> None:
-    write_metawear(RAW, tmp_path)
+    files.write_metawear(RAW, tmp_path)
     path = next(tmp_path.glob("*_Gyroscope*"))
     lines = path.read_text().splitlines()
     for row, (column, value) in enumerate([(2, "9.5e9"), (0, "9.5e12"), (2, "-1e12")], start=3):
@@ -87,21 +94,61 @@ def test_metawear_leaves_out_rows_whose_clocks_are_damaged(tmp_path: Path) -> No
 
 
 def test_metawear_asks_for_the_other_file_and_for_the_session(tmp_path: Path) -> None:
-    write_metawear(RAW, tmp_path)
+    files.write_metawear(RAW, tmp_path)
     with pytest.raises(FormatError, match="has no gyroscope, only accelerometer: give the folder or zip"):
         read(next(tmp_path.glob("*_Accelerometer*")))
-    write_metawear(RAW, tmp_path, "Right_MetaWear_2019-01-11T16.10.08.270_C5")
+    files.write_metawear(RAW, tmp_path, "Right_MetaWear_2019-01-11T16.10.08.270_C5")
     with pytest.raises(FormatError, match=r"2 sessions \(Left_MetaWear.*, Right_MetaWear.*\): name one"):
         read(tmp_path)
     assert "the session is 'Right" in read_raw(tmp_path, sensor="right").provenance.notes[0]
 
 
-def test_ximu3_folder_with_a_magnetometer_in_a_unit(tmp_path: Path) -> None:
-    write_ximu3(RAW, tmp_path / "walk", "uT")
+def test_ximu3_folder_with_a_magnetometer_in_a_unit_and_movesense_without_one(tmp_path: Path) -> None:
+    files.write_ximu3(RAW, tmp_path / "walk", "uT")
     raw = read_raw(tmp_path / "walk")
     np.testing.assert_allclose(raw.mag[::5], RAW.mag[::5], rtol=1e-9)
     assert np.isnan(raw.mag[1::5]).all()
     np.testing.assert_allclose(read_raw(tmp_path / "walk" / "Inertial.csv").acc, RAW.acc, atol=1e-9)
+    assert read(write_changed("movesense", RAW, tmp_path, ("walk.dat", "ArrayMagn", "ArrayTemp"))).mag is None
+
+
+# ROS bags, each storage of which is in `test_every_format`
+
+
+@needs_ros
+def test_one_of_several_topics_must_be_named_and_a_bag_alone_in_its_file_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "walk.mcap"
+    files.write_bag(RAW, path, ("/left/imu", "/right/imu"), normalized=True)
+    with pytest.raises(FormatError, match=r"2 topics .*\(/left/imu, /right/imu\): .*--sensor /left/imu"):
+        read(path)
+    raw = read_raw(path, sensor="right")
+    assert raw.mag is None
+    assert raw.provenance.notes[1].startswith("/a/mag is normalized (its strength is always 5e-05)")
+    files.write_bag(RAW, path := tmp_path / "none.mcap", ())
+    with pytest.raises(FormatError, match=r"no topic of sensor_msgs/Imu \(/a/mag, /left/mag\): record one"):
+        read(path)
+    for name in ("one.bag", "one.mcap", "one"):
+        files.write_bag(RAW, path := tmp_path / name)
+        inside = [file for file in path.rglob("*") if file.suffix in (".mcap", ".db3")] or [path]
+        raw = read_raw(inside[0].rename(tmp_path / "renamed.dat"))
+        np.testing.assert_array_equal(np.hstack([raw.acc, raw.gyr]), np.hstack([RAW.acc, RAW.gyr]))
+
+
+def test_without_the_extra_it_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "walk.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(100))
+    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+    with pytest.raises(FormatError, match=r"which rosbags reads: pip install 'fg-nav\[ros\]'"):
+        read(tmp_path / "walk.bag")
+
+
+@needs_data
+@needs_ros
+def test_real_bags() -> None:
+    one = read(DATA / "formats/rosbag1/sparkfun_razor.bag")
+    assert one.period_s == pytest.approx(1 / 69, rel=1e-2)
+    assert one.mag is None
+    for place in ("razor_db3", "razor_mcap/razor_mcap.mcap"):
+        np.testing.assert_array_equal(read(DATA / "formats/ros2-converted" / place).acc, one.acc)
 
 
 @needs_data

@@ -76,6 +76,13 @@ def test_whole_nanoseconds_lose_nothing():
     np.testing.assert_array_equal(raw.acc, streams[0].xyz)
     assert raw.provenance.notes[0] == "time 0 is 2022-09-16 11:15:47.248 UTC"
     assert raw.provenance.notes[-1] == "accelerometer 100.4 Hz, gyroscope 100.4 Hz, on one clock"
+    # time 0 is the first stamp of all but the barometer, in whatever order they come
+    acc, late = streams[0], streams[1].take(slice(100, None))
+    air = Stream("pressure", acc.t[:60] - 10**10, np.full((60, 1), 1e5), acc.row[:60], "air.csv")
+    for order in ([acc, late, air], [air, late, acc]):
+        raw = join(*order)
+        np.testing.assert_array_equal(raw.t, whole[100:] * 1e-9)
+        assert raw.provenance.notes[0] == "time 0 is 2022-09-16 11:15:47.248 UTC"
 
 
 def test_no_line_is_drawn_across_a_gap():
@@ -129,29 +136,39 @@ def test_a_table_of_events():
     assert len(rest.t) < 40
 
 
-@pytest.mark.parametrize(
-    ("streams", "message"),
-    [
+def test_what_cannot_be_joined_is_refused():
+    brief = stream("acc", np.array([3.0, 3.02]))
+    for streams, message in (
         ([stream("acc", clock(100.0)), stream("mag", clock(50.0))], "no gyroscope, only accelerometer and mag"),
         ([stream("mag", clock(50.0))], "no accelerometer, only magnetometer"),
         ([], r"no accelerometer: record"),
         ([stream("acc", clock(2.0)), stream("gyr", clock(2.0))], r"accelerometer has 2 samples a second, too few"),
         ([stream("acc", clock(100.0)), stream("gyr", clock(100.0, 6.0))], "ran at different times"),
         ([stream("acc", clock(100.0)), stream("gyr", np.full(50, np.nan))], "gyr.csv has 0 samples of the gyroscope"),
-        (
-            [stream("acc", np.array([3.0, 3.02])), stream("gyr", clock(50.0, 0.01))],
-            "gyr.csv has 1 sample while the accelerometer ran",
-        ),
-    ],
-)  # fmt: skip
-def test_what_cannot_be_joined_is_refused(streams, message):
-    with pytest.raises(FormatError, match=message):
-        join(*streams)
+        ([brief, stream("gyr", clock(50.0, 0.01))], "gyr.csv has 1 sample while the accelerometer ran"),
+    ):
+        with pytest.raises(FormatError, match=message):
+            join(*streams)
 
 
-@pytest.mark.parametrize(("acc_hz", "gyr_hz", "name"), [(10.0, 100.0, "accelerometer"), (100.0, 10.0, "gyroscope")])
-def test_the_slower_sensor_is_named(acc_hz, gyr_hz, name):
-    raw = join(stream("acc", clock(acc_hz)), stream("gyr", clock(gyr_hz)))
-    assert f"the {name} has 10 samples a second, too few to follow a step well: record" in " ".join(
-        raw.provenance.notes
-    )
+def test_the_slower_sensor_is_named():
+    for acc_hz, gyr_hz, name in ((10.0, 100.0, "accelerometer"), (100.0, 10.0, "gyroscope")):
+        notes = " ".join(join(stream("acc", clock(acc_hz)), stream("gyr", clock(gyr_hz))).provenance.notes)
+        assert f"the {name} has 10 samples a second, too few to follow a step well: record" in notes
+
+
+def test_a_faster_accelerometer_is_averaged_over_the_gyroscopes_period():
+    """A straight line of force keeps its values; a change within a period is not lost."""
+    t_acc, t_gyr = clock(400.0), clock(100.0)
+    acc = np.column_stack([t_acc, np.where(np.arange(len(t_acc)) == 1601, 8.0, 0.0), np.full(len(t_acc), 9.8)])
+    raw = join(Stream("acc", t_acc, acc, np.arange(len(t_acc)), "acc.csv"), stream("gyr", t_gyr))
+    np.testing.assert_allclose(raw.acc[1:-1, 0], t_gyr[1:-1], atol=1e-9)
+    assert raw.acc[:, 1].sum() == pytest.approx(8.0 / 4)
+    assert "the accelerometer is faster than the gyroscope: averaged" in " ".join(raw.provenance.notes)
+
+
+def test_of_a_faster_magnetometer_the_nearest_sample_is_placed():
+    t_mag, t_gyr = clock(290.0, 0.001), clock(100.0)
+    raw = join(stream("acc", t_gyr), stream("gyr", t_gyr), stream("mag", t_mag))
+    nearest = t_mag[np.argmin(np.abs(t_mag[:, None] - t_gyr), axis=0)]
+    np.testing.assert_array_equal(raw.mag, sense("mag", nearest))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gzip
 import json
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,20 +16,15 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io import read, read_raw, tables
 from fg_nav.lab.simulation import simulate
 from fg_nav.recording import RawRecording
-from tests.io.samples import tilting, write_xio
+from tests.io.samples import axes, tilting, write_xio
+from tests.io.samples import write_columns as write
 
 RAW = tilting(np.random.default_rng(12), duration_s=6.0, rate_hz=100.0, still_s=1.0)
 SHORT = ["t", "ax", "ay", "az", "gx", "gy", "gz"]
 
 
-def table_of(raw: RawRecording = RAW, time: float = 1.0, acc: float = 1.0, gyr: float = 1.0) -> np.ndarray:
-    return np.column_stack([raw.t * time, raw.acc * acc, raw.gyr * gyr])
-
-
-def write(path: Path, names: Sequence[str], table: np.ndarray, separator: str = ",", end: str = "") -> Path:
-    rows = [separator.join(f"{value:.10g}" for value in row) + end for row in table.tolist()]
-    path.write_text("\n".join([separator.join(names) + end, *rows]) + "\n", encoding="utf-8")
-    return path
+def table_of(raw: RawRecording = RAW, time: float = 1.0, acc: float = 1.0, gyr: float = 1.0) -> list[np.ndarray]:
+    return [raw.t * time, raw.acc * acc, raw.gyr * gyr]
 
 
 def is_the_same(raw: RawRecording, mag: bool = False) -> bool:
@@ -40,16 +34,17 @@ def is_the_same(raw: RawRecording, mag: bool = False) -> bool:
     return raw.provenance.format == "table"
 
 
-UNITS = ["Time [ms]", *(f"Acc {a} [g]" for a in "XYZ"), *(f"gyro_{a} (deg/s)" for a in "xyz")]
-IN_UNITS = table_of(RAW, 1e3, 1 / GRAVITY_M_S2, 180 / np.pi)
+DEG = 180 / np.pi
+UNITS = ["Time [ms]", *axes("Acc {} [g]"), *axes("gyro_{} (deg/s)", letters="xyz")]
+IN_UNITS = table_of(RAW, 1e3, 1 / GRAVITY_M_S2, DEG)
 
 
 def test_separators_one_at_the_end_decimal_commas_and_gzip(tmp_path: Path) -> None:
-    path = tmp_path / "walk.csv"
+    path, nothing = tmp_path / "walk.csv", [""] * len(RAW.t)
     for separator in (",", ";", "\t", "|", ", "):
-        for end in ("", separator):
-            assert is_the_same(read_raw(write(path, UNITS, IN_UNITS, separator, end)))
-    assert is_the_same(read_raw(write(path, SHORT, table_of(gyr=180 / np.pi), "  ")))
+        assert is_the_same(read_raw(write(path, UNITS, IN_UNITS, separator)))
+        assert is_the_same(read_raw(write(path, [*UNITS, ""], [*IN_UNITS, nothing], separator)))
+    assert is_the_same(read_raw(write(path, SHORT, table_of(gyr=DEG), "  ")))
     for separator in (";", "\t", " "):
         path.write_text(write(path, SHORT, table_of(), separator).read_text().replace(".", ","))
         assert is_the_same(read_raw(path))
@@ -58,14 +53,14 @@ def test_separators_one_at_the_end_decimal_commas_and_gzip(tmp_path: Path) -> No
 
 
 def test_lines_above_a_row_of_units_and_comments(tmp_path: Path) -> None:
-    path = write(tmp_path / "walk.csv", [*SHORT, "note"], np.column_stack([IN_UNITS, RAW.t]))
+    path = write(tmp_path / "walk.csv", [*SHORT, "note"], [*IN_UNITS, RAW.t])
     header, *rows = path.read_text().splitlines()
     top = ["Logger 3, of somebody", "started,yesterday", "", header, "ms,g,g,g,dps,dps,dps,"]
     path.write_text("\n".join([*top, *rows[:10], "# a comment", *rows[10:]]))
     raw = read_raw(path)
     assert is_the_same(raw)
     assert raw.row[[0, 9, 10]].tolist() == [6, 15, 17]
-    np.savetxt(path, table_of(), header=" ".join(SHORT))  # in a comment
+    np.savetxt(path, np.column_stack(table_of()), header=" ".join(SHORT))  # in a comment
     assert is_the_same(read_raw(path))
 
 
@@ -78,37 +73,34 @@ def test_header_of_two_rows(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="acc measures"):
         read(path)
 
-
-def test_both_feet_in_one_file_of_two_header_rows(tmp_path: Path) -> None:
-    names = ["axis", *(f"{what}_{axis}" for what in ("acc", "gyr") for axis in "xyz")] * 2
-    other = np.column_stack([table_of(), 2.0 * RAW.acc, RAW.gyr])
-    path = write(tmp_path / "feet.csv", [*names[:7], *names[8:]], other)
-    feet = ["sensor", *["left_foot"] * 6, *["right_foot"] * 6]
-    path.write_text(",".join(feet) + "\n" + path.read_text().replace("axis", "time", 1))
+    # of both feet
+    path = write(tmp_path / "feet.csv", SHORT + SHORT[1:], [*table_of(), 2.0 * RAW.acc, RAW.gyr])
+    axis = ",".join(["time", *axes("acc_{}", "gyr_{}", "acc_{}", "gyr_{}", letters="xyz")])
+    feet = ",".join(["sensor", *["left_foot"] * 6, *["right_foot"] * 6])
+    path.write_text("\n".join([feet, axis, path.read_text().split("\n", 1)[1]]))
     with pytest.raises(FormatError, match=r"more than one acceleration .*'left_foot acc_x'.*--sensor"):
         read_raw(path)
     assert is_the_same(read_raw(path, sensor="left"))
 
 
 @pytest.mark.parametrize("time", [1.0, 1e3, 1e4, 1e6, 1e9])
-@pytest.mark.parametrize(("acc", "unit"), [(1.0, "m/s^2"), (1 / GRAVITY_M_S2, "g"), (1e3 / GRAVITY_M_S2, "mg")])
-def test_units_that_the_samples_show(time: float, acc: float, unit: str, tmp_path: Path) -> None:
-    for gyr, rate_unit in ((1.0, "rad/s"), (180 / np.pi, "deg/s")):
-        raw = read_raw(write(tmp_path / "walk.csv", SHORT, table_of(RAW, time, acc, gyr)))
-        assert is_the_same(raw)
-        notes = " ".join(raw.provenance.notes)
-        assert f"acc is taken for {unit}" in notes
-        assert f"gyr is taken for {rate_unit}" in notes
-        assert ("the stamps 't' are taken for" in notes) == (time != 1.0)
+def test_units_that_the_samples_show(time: float, tmp_path: Path) -> None:
+    for acc, unit in ((1.0, "m/s^2"), (1 / GRAVITY_M_S2, "g"), (1e3 / GRAVITY_M_S2, "mg")):
+        for gyr, rate_unit in ((1.0, "rad/s"), (DEG, "deg/s")):
+            raw = read_raw(write(tmp_path / "walk.csv", SHORT, table_of(RAW, time, acc, gyr)))
+            assert is_the_same(raw)
+            notes = " ".join(raw.provenance.notes)
+            assert f"acc is taken for {unit}" in notes
+            assert f"gyr is taken for {rate_unit}" in notes
+            assert ("the stamps 't' are taken for" in notes) == (time != 1.0)
 
 
-@pytest.mark.parametrize(("gyr", "unit"), [(1.0, "rad/s"), (180 / np.pi, "deg/s")])
-def test_the_gyroscope_of_a_walking_foot_shows_its_unit(gyr: float, unit: str, tmp_path: Path) -> None:
+def test_the_gyroscope_of_a_walking_foot_shows_its_unit(tmp_path: Path) -> None:
     walk = simulate("demo", 1).recording.slice(3000, 7000)
-    table = np.column_stack([walk.t, walk.acc, walk.gyr * gyr])
-    raw = read_raw(write(tmp_path / "walk.csv", SHORT, table))
-    assert f"gyr is taken for {unit}, by its peak" in raw.provenance.notes[-1]
-    np.testing.assert_allclose(raw.gyr, walk.gyr, atol=1e-6)
+    for gyr, unit in ((1.0, "rad/s"), (DEG, "deg/s")):
+        raw = read_raw(write(tmp_path / "walk.csv", SHORT, [walk.t, walk.acc, walk.gyr * gyr]))
+        assert f"gyr is taken for {unit}, by its peak" in raw.provenance.notes[-1]
+        np.testing.assert_allclose(raw.gyr, walk.gyr, atol=1e-6)
 
 
 def test_a_gyroscope_at_rest_is_asked_for_with_the_command_to_type(tmp_path: Path) -> None:
@@ -124,67 +116,59 @@ def test_a_gyroscope_at_rest_is_asked_for_with_the_command_to_type(tmp_path: Pat
     np.testing.assert_allclose(read(path, columns=mapping).gyr, np.radians(still.gyr), atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
+def test_what_the_samples_do_not_show_is_asked_and_counts_have_the_scale_of_a_data_sheet(tmp_path: Path) -> None:
+    for changes, words in (
         ({"acc": 16384 / GRAVITY_M_S2}, r"counts steps of a converter.*acc=ax:ay:az\[1/16384 g\]"),
         ({"acc": 0.5}, "acc is 4.9.* at rest and names no unit"),
         ({"time": 20e3}, "steps by 200 and names no unit"),
-        ({"gyr": 180e3 / np.pi}, "gyr .*names no unit"),
-    ],
-)
-def test_what_the_samples_do_not_show_is_asked(changes: dict[str, float], words: str, tmp_path: Path) -> None:
-    with pytest.raises(FormatError, match=words) as caught:
-        read_raw(write(tmp_path / "walk.csv", SHORT, table_of(**changes)))
-    assert "--columns" in str(caught.value)
-
-
-def test_counts_with_the_scale_of_a_data_sheet(tmp_path: Path) -> None:
-    table = table_of(RAW, 1.0, 16384 / GRAVITY_M_S2, 16.4 * 180 / np.pi)
-    path = write(tmp_path / "walk.csv", [f"c{k}" for k in range(7)], table)
-    columns = "time=c0[s],acc=c1:c2:c3[1/16384 g],gyr=5:6:7[1/16.4 deg/s]"
-    assert is_the_same(read_raw(path, columns=columns))
+        ({"gyr": 1e3 * DEG}, "gyr .*names no unit"),
+    ):
+        with pytest.raises(FormatError, match=f"^(?=.*--columns).*{words}"):
+            read_raw(write(tmp_path / "walk.csv", SHORT, table_of(**changes)))
+    names = [f"c{k}" for k in range(7)]
+    path = write(tmp_path / "walk.csv", names, table_of(RAW, 1.0, 16384 / GRAVITY_M_S2, 16.4 * DEG))
+    assert is_the_same(read_raw(path, columns="time=c0[s],acc=c1:c2:c3[1/16384 g],gyr=5:6:7[1/16.4 deg/s]"))
 
 
 def test_a_table_without_a_header(tmp_path: Path) -> None:
-    path = write(tmp_path / "walk.csv", SHORT, table_of()[:, [4, 5, 6, 1, 2, 3, 0]])
-    path.write_text("".join(path.read_text().splitlines(keepends=True)[1:]))
-    np.save(tmp_path / "walk.npy", table_of()[:, [4, 5, 6, 1, 2, 3, 0]])
+    path = write(tmp_path / "walk.csv", SHORT, [RAW.gyr, RAW.acc, RAW.t])
+    path.write_text(path.read_text().split("\n", 1)[1])
+    np.save(tmp_path / "walk.npy", np.column_stack([RAW.gyr, RAW.acc, RAW.t]))
     for one in (path, tmp_path / "walk.npy"):
         with pytest.raises(FormatError, match=r"7 columns and no header.*time=1,acc=2:3:4,gyr=5:6:7"):
             read_raw(one, "table")
-        assert is_the_same(read_raw(one, columns="time=7[s],acc=4:5:6[m/s^2],gyr=1:2:3[rad/s]"))
-    assert read_raw(path, columns="time=7[s],acc=4:5:6[m/s^2],gyr=1:2:3[rad/s]").row[0] == 1
+        raw = read_raw(one, columns="time=7[s],acc=4:5:6[m/s^2],gyr=1:2:3[rad/s]")
+        assert is_the_same(raw)
+    assert raw.row[0] == 1
 
 
 def test_counters_and_no_clock_at_all(tmp_path: Path) -> None:
-    counted = np.column_stack([np.arange(len(RAW.t)) + 40, RAW.acc, RAW.gyr])
-    counted = np.delete(counted, [7, 8], axis=0)
-    path = write(tmp_path / "walk.csv", ["sample", *SHORT[1:]], counted)
+    kept = np.delete(np.arange(len(RAW.t)), [7, 8])
+    path = write(tmp_path / "walk.csv", ["sample", *SHORT[1:]], [kept + 40, RAW.acc[kept], RAW.gyr[kept]])
     with pytest.raises(FormatError, match=r"no stamps but 'sample', which counts samples: .*--rate"):
         read_raw(path)
     raw = read_raw(path, rate_hz=100.0)
-    np.testing.assert_allclose(raw.t, np.delete(RAW.t, [7, 8]), atol=1e-9)
+    np.testing.assert_allclose(raw.t, RAW.t[kept], atol=1e-9)
     assert "time is 'sample' at 100 Hz" in raw.provenance.notes
-    path = write(tmp_path / "none.csv", SHORT[1:], table_of()[:, 1:])
+    path = write(tmp_path / "none.csv", SHORT[1:], table_of()[1:])
     assert is_the_same(read_raw(path, rate_hz=100.0))
     with pytest.raises(FormatError, match="has stamps, 't'"):
         read_raw(write(path, SHORT, table_of()), rate_hz=100.0)
     with pytest.raises(FormatError, match="rises by ones"):
-        read_raw(write(path, SHORT, np.column_stack([np.arange(len(RAW.t)), RAW.acc, RAW.gyr])))
+        read_raw(write(path, SHORT, [np.arange(len(RAW.t)), RAW.acc, RAW.gyr]))
     assert is_the_same(read_raw(path, columns="acc=ax:ay:az,gyr=gx:gy:gz", rate_hz=100.0))
 
 
-@pytest.mark.parametrize("bits", [8, 16])
-def test_a_counter_that_begins_again_keeps_what_was_lost(bits: int, tmp_path: Path) -> None:
+def test_a_counter_that_begins_again_keeps_what_was_lost(tmp_path: Path) -> None:
     """By the number of the row, the time after a lost packet would be wrong."""
-    kept = np.arange(len(RAW.t)) != 450
-    table = table_of(RAW, 1.0, 1 / GRAVITY_M_S2, 180 / np.pi)
-    table[:, 0] = (np.arange(len(table)) + 2**bits - 50) % 2**bits
-    raw = read_raw(write(tmp_path / "walk.csv", ["packet_counter", *UNITS[1:]], table[kept]), rate_hz=100.0)
-    np.testing.assert_allclose(raw.t, RAW.t[kept], atol=1e-9)
-    assert raw.provenance.notes[0] == "time is 'packet_counter' at 100 Hz"
-    assert raw.provenance.rate_sigma == 0.02
+    kept = np.delete(np.arange(len(RAW.t)), 450)
+    for bits in (8, 16):
+        columns = [(kept + 2**bits - 50) % 2**bits, *(column[kept] for column in IN_UNITS[1:])]
+        path = write(tmp_path / "walk.csv", ["packet_counter", *UNITS[1:]], columns)
+        raw = read_raw(path, rate_hz=100.0)
+        np.testing.assert_allclose(raw.t, RAW.t[kept], atol=1e-9)
+        assert raw.provenance.notes[0] == "time is 'packet_counter' at 100 Hz"
+        assert raw.provenance.rate_sigma == 0.02
 
 
 @pytest.mark.parametrize(
@@ -199,10 +183,7 @@ def test_stamps_that_are_dates_or_times_of_day(form: str, is_dated: bool, tmp_pa
     """Over midnight; of a date in another form the time of day counts alone: which number is the month is open."""
     start = 1.6e9 - 1.6e9 % 86400 - 3.0
     stamps = pd.to_datetime(start + RAW.t, unit="s").round("ms").strftime(form)
-    rows = write(tmp_path / "walk.csv", UNITS, IN_UNITS).read_text().splitlines()
-    dated = [f"{stamp},{row.split(',', 1)[1]}" for stamp, row in zip(stamps, rows[1:], strict=True)]
-    path = tmp_path / "dated.csv"
-    path.write_text("\n".join([rows[0].replace(" [ms]", ""), *dated]))
+    path = write(tmp_path / "dated.csv", ["Time", *UNITS[1:]], [list(stamps), *IN_UNITS[1:]])
     raw = read_raw(path)
     assert is_the_same(raw)
     assert "stamps" not in " ".join(raw.provenance.notes)  # they need no unit
@@ -213,8 +194,8 @@ def test_stamps_that_are_dates_or_times_of_day(form: str, is_dated: bool, tmp_pa
 
 def test_magnetometers(tmp_path: Path) -> None:
     names, path = [*SHORT, "mx", "my", "mz"], tmp_path / "walk.csv"
-    assert is_the_same(read_raw(write(path, names, np.column_stack([table_of(), RAW.mag]))), mag=True)
-    raw = read_raw(write(path, names, np.column_stack([table_of(), RAW.mag / 47.4])))
+    assert is_the_same(read_raw(write(path, names, [*table_of(), RAW.mag])), mag=True)
+    raw = read_raw(write(path, names, [*table_of(), RAW.mag / 47.4]))
     assert raw.mag is None
     assert "the magnetometer names no unit" in raw.provenance.notes[-1]
     mapped = "time=t[s],acc=ax:ay:az,gyr=gx:gy:gz[rad/s],mag=mx:my:mz"
@@ -229,7 +210,7 @@ def test_arrays_without_names_of_axes_and_an_index_of_instants(tmp_path: Path) -
         read_raw(path)
     assert is_the_same(read_raw(path, columns="time=ts,acc=one 1:one 2:one 3[m/s^2],gyr=two 1:two 2:two 3[rad/s]"))
     pytest.importorskip("pyarrow", reason="Parquet needs pyarrow")
-    frame, path = pd.DataFrame(table_of(), columns=SHORT), tmp_path / "walk.parquet"
+    frame, path = pd.DataFrame(np.column_stack(table_of()), columns=SHORT), tmp_path / "walk.parquet"
     frame.assign(t=pd.to_datetime(frame["t"], unit="s")).set_index("t").to_parquet(path)
     assert is_the_same(read_raw(path))
 
@@ -238,7 +219,7 @@ def test_a_table_is_opened_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     opened, open_json = list[str](), tables._open_json
     monkeypatch.setattr(tables, "_open_json", lambda content: opened.append(content.path.name) or open_json(content))
     path = tmp_path / "walk.json"
-    path.write_text(json.dumps([dict(zip(SHORT, row, strict=True)) for row in table_of().tolist()]))
+    path.write_text(json.dumps([dict(zip(SHORT, row, strict=True)) for row in np.column_stack(table_of()).tolist()]))
     assert is_the_same(read_raw(path))
     assert opened == ["walk.json"]
 
@@ -255,41 +236,35 @@ def test_options_where_there_is_none_to_choose(tmp_path: Path) -> None:
             read_raw(path, **options)
 
 
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        (json.dumps([{"t": k, "acc": [0, [1], 9.8]} for k in range(3)]).encode(), "no whole JSON of samples"),
+def test_the_nearest_to_what_is_not_known(tmp_path: Path) -> None:
+    nested = json.dumps([{"t": k, "acc": [0, [1], 9.8]} for k in range(3)]).encode()
+    tum = b"# t x y z qx qy qz qw\n" + b"".join(b"%d.5 0 0 0 0 0 0.6 0.8\n" % k for k in range(9))
+    calibration = b'{\n "format": "fg-nav calibration",\n "version": 1\n}'
+    path, sevens = tmp_path / "walk.csv", b"1,2,3,4,5,6,7\n" * 9
+    for content, words in (
+        (nested, "no whole JSON of samples"),
         (b"stride,x_m,y_m\n0,0,0\n1,1,1\n", r"is no recording but footprints: .*--truth"),
         (b"time_s,x_m,y_m,z_m,sigma_m\n1,2,3,4,1\n", "is no recording but known positions.*--fixes"),
-        (b'{\n "format": "fg-nav calibration",\n "version": 1\n}', "is no recording but a calibration.*--calibration"),
-        (
-            b"# t x y z qx qy qz qw\n" + b"".join(b"%d.5 0 0 0 0 0 0.6 0.8\n" % k for k in range(9)),
-            "is no recording but a true path.*--truth",
-        ),
+        (calibration, "is no recording but a calibration.*--calibration"),
+        (tum, "is no recording but a true path.*--truth"),
         (b"1 2 3 4 1e300 0 0 1\n" * 9, r"8 columns and no header"),
         (b"\x89HDF\r\n\x1a\n\0\0", "HDF5 file"),
-        (b"a,b,c,d,e,f,g\n" + b"1,2,3,4,5,6,7\n" * 9, r"no column for acceleration among 'a', 'b'.*\"acc=NAME"),
-        (b"t,ax,ay,az,p,q,r\n" + b"1,2,3,4,5,6,7\n" * 9, r"no column for angular rate among .*gyr=NAME"),
+        (b"a,b,c,d,e,f,g\n" + sevens, r"no column for acceleration among 'a', 'b'.*\"acc=NAME"),
+        (b"t,ax,ay,az,p,q,r\n" + sevens, r"no column for angular rate among .*gyr=NAME"),
         (b"dear reader,\nno numbers here\n", r"none of the \d+ formats.*text without a table.*fg-nav inspect"),
-    ],
-)
-def test_the_nearest_to_what_is_not_known(content: bytes, words: str, tmp_path: Path) -> None:
-    path = tmp_path / "walk.csv"
-    path.write_bytes(content)
-    with pytest.raises(FormatError, match=words) as caught:
-        read_raw(path)
-    assert str(caught.value).startswith("walk.csv ")
-    assert str(caught.value).endswith(".")
-    assert "\n" not in str(caught.value)
+    ):
+        path.write_bytes(content)
+        with pytest.raises(FormatError, match=rf"^walk\.csv [^\n]*{words}[^\n]*\.$"):
+            read_raw(path)
 
 
 def test_the_nearest_in_a_folder_and_in_a_matlab_file(tmp_path: Path) -> None:
     folder = tmp_path / "walk"
     folder.mkdir()
     for name, own in (("acc", RAW.acc), ("gyr", RAW.gyr)):
-        write(folder / f"{name}.csv", ["t", *(f"{name}_{axis}" for axis in "xyz")], np.column_stack([RAW.t, own]))
+        write(folder / f"{name}.csv", ["t", *axes(f"{name}_{{}}", letters="xyz")], [RAW.t, own])
     np.testing.assert_allclose(read(folder).gyr, RAW.gyr, atol=1e-6)
-    write(folder / "acc.txt", ["t", "ax", "ay", "az"], table_of()[:, :4])
+    write(folder / "acc.txt", ["t", "ax", "ay", "az"], table_of()[:2])
     with pytest.raises(FormatError, match=r"holds two tables of a sensor|holds 2 sensors"):
         read_raw(folder)
     scipy.io.savemat(tmp_path / "walk.mat", {"foo": RAW.acc, "bar": RAW.gyr})

@@ -62,16 +62,6 @@ def test_tum_goes_round_in_its_field_order(tmp_path: Path) -> None:
     np.testing.assert_allclose(numbers, [0.5, 1, 2, 3, 0, 0, np.sqrt(0.5), np.sqrt(0.5)], atol=1e-9)
 
 
-def test_footprints_as_csv(tmp_path: Path) -> None:
-    path = tmp_path / "truth.csv"
-    path.write_text("stride,x_m,y_m\n0,0,0\n3,1.5,-2\n")
-    truth = read_truth(path)
-    assert isinstance(truth, FootprintTruth)
-    assert truth.stride.tolist() == [0, 3]
-    assert truth.stride.dtype == np.int64
-    np.testing.assert_array_equal(truth.xy, [[0, 0], [1.5, -2]])
-
-
 def test_truth_from_matlab_files(tmp_path: Path) -> None:
     path, stride = tmp_path / "walk.mat", np.arange(2, dtype=np.uint8)
     write_pyshoe(RAW, path)
@@ -87,9 +77,15 @@ def test_truth_from_matlab_files(tmp_path: Path) -> None:
         read_truth(path)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
+def test_footprints_as_csv_and_truth_that_is_none(tmp_path: Path) -> None:
+    path = tmp_path / "truth.csv"
+    path.write_text("stride,x_m,y_m\n0,0,0\n3,1.5,-2\n")
+    truth = read_truth(path)
+    assert isinstance(truth, FootprintTruth)
+    assert truth.stride.tolist() == [0, 3]
+    assert truth.stride.dtype == np.int64
+    np.testing.assert_array_equal(truth.xy, [[0, 0], [1.5, -2]])
+    for text, message in (
         ("", "is empty"),
         ("hello\n", "no truth read here: give TUM lines"),
         ("0 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 2\n", "line 2: stamps must rise and quaternions have length 1"),
@@ -101,13 +97,10 @@ def test_truth_from_matlab_files(tmp_path: Path) -> None:
         ("stride,x_m,y_m\n0,0,0\n1.5,0,0\n", "whole and rising"),
         ("stride,x_m,y_m\n0,0,0\n2,0,0\n1,0,0\n", "whole and rising"),
         ("stride,x_m,y_m\n0,0,0\n1,,0\n", "not finite"),
-    ],
-)
-def test_truth_that_is_none(text: str, message: str, tmp_path: Path) -> None:
-    path = tmp_path / "truth.txt"
-    path.write_text(text)
-    with pytest.raises(FormatError, match=message):
-        read_truth(path)
+    ):
+        path.write_text(text)
+        with pytest.raises(FormatError, match=message):
+            read_truth(path)
 
 
 def test_pyshoe_labels(tmp_path: Path) -> None:

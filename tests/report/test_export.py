@@ -1,6 +1,7 @@
 """A path that is exported is the same where another program reads it."""
 
 import json
+import shutil
 import struct
 from dataclasses import replace
 from pathlib import Path
@@ -15,17 +16,18 @@ from scipy.io import loadmat
 from scipy.spatial.transform import Rotation
 
 from fg_nav.errors import FgNavError, FormatError, OutputError
-from fg_nav.evaluation.metrics import evaluate
 from fg_nav.report.export import EXPORTS, export_track
 from fg_nav.report.export.maps import outline_ellipses
 from fg_nav.report.export.track import POSITION, ExportTrack, Origin, parse_start, read_result
 from fg_nav.report.files import write_json, write_paths
-from fg_nav.solution import Solution, StanceTable
+from fg_nav.solution import Solution
 from tests.command_line import FgNav
+from tests.report.walks import stance_table
 
 N, EVERY = 401, 50
 AT = np.arange(0, N, EVERY)
 MUNICH = Origin(48.137, 11.575, 520.0)
+KML = {"k": "http://www.opengis.net/kml/2.2"}
 
 
 def walked() -> Solution:
@@ -35,16 +37,12 @@ def walked() -> Solution:
     position = np.stack([t * np.cos(angle), t * np.sin(angle), 0.1 * t], axis=1)
     position -= position[0]
     attitude = Rotation.from_euler("zyx", np.stack([angle, 0.2 * np.sin(t), 0.1 * np.cos(t)], axis=1)).as_matrix()
-    shape = np.array([[1.0, 0.3, 0.1], [0.3, 0.4, -0.05], [0.1, -0.05, 0.2]])
-    k = np.arange(len(AT))
-    stances = StanceTable(
-        sample=AT, t=t[AT], position=position[AT], nav_R_body=attitude[AT],
-        gyro_bias=np.tile([0.01, 0.02, 0.03], (len(k), 1)), position_cov=(0.05 * (k + 1))[:, None, None] ** 2 * shape,
-        heading_sigma=0.01 * (k + 1), gyro_bias_sigma=np.full((len(k), 3), 1e-3),
-        field=("none",) * len(k), field_reason=("not used, as yet",) * len(k),
+    k, shape = np.arange(len(AT)), np.array([[1.0, 0.3, 0.1], [0.3, 0.4, -0.05], [0.1, -0.05, 0.2]])
+    stances = stance_table(
+        t, position, attitude, AT, gyro_bias=np.tile([0.01, 0.02, 0.03], (len(k), 1)), heading_sigma=0.01 * (k + 1),
+        position_cov=(0.05 * (k + 1))[:, None, None] ** 2 * shape, gyro_bias_sigma=np.full((len(k), 3), 1e-3),
     )  # fmt: skip
-    velocity = np.gradient(position, t, axis=0)
-    return Solution("smoother", t, position, velocity, attitude, stances, runtime_s=0.1)
+    return Solution("smoother", t, position, np.gradient(position, t, axis=0), attitude, stances, runtime_s=0.1)
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +56,6 @@ def folder(solution: Solution, tmp_path_factory: pytest.TempPathFactory) -> Path
     place = tmp_path_factory.mktemp("results") / "office-smoother-1"
     place.mkdir()
     write_paths(place, solution)
-    assert evaluate(solution).strides_detected == len(AT) - 1
     write_json(place / "summary.json", {"method": "smoother", "magnetometer": "not used"})
     write_json(place / "config.json", {"heading_deg": None})
     return place
@@ -76,35 +73,44 @@ def test_the_folder_of_a_result_says_what_the_solution_says(solution: Solution, 
         np.testing.assert_allclose(getattr(track, name), getattr(direct, name), atol=3e-7)
     pd.testing.assert_frame_equal(track.footfalls, direct.footfalls, rtol=1e-8)
     np.testing.assert_allclose(track.cov, solution.stances.position_cov, rtol=1e-7)
+    for n in range(N - 4, N):  # the line that is drawn reaches the end
+        assert replace(track, t=track.t[:n]).line[[0, -1]].tolist() == [0, n - 1]
     assert "sensor's x axis" in track.notes[0]
 
 
 def test_turning_lays_north_to_the_east(track: ExportTrack) -> None:
-    turned = track.turn(90.0)
-    x, y, z = track.position.T
-    np.testing.assert_allclose(turned.position, np.stack([y, -x, z], axis=1), atol=1e-12)
-    np.testing.assert_allclose(turned.velocity, track.velocity[:, [1, 0, 2]] * [1.0, -1.0, 1.0], atol=1e-12)
-    np.testing.assert_allclose(turned.footfalls["heading_deg"], (track.footfalls["heading_deg"] + 90.0) % 360.0)
-    np.testing.assert_allclose(turned.cov[:, 0, 0], track.cov[:, 1, 1])
-    np.testing.assert_allclose(turned.cov[:, 0, 1], -track.cov[:, 0, 1])
-    np.testing.assert_allclose(turned.cov[:, 0, 2], track.cov[:, 1, 2])
-    table = turned.tabulate()
-    assert np.allclose(np.cos(np.deg2rad(table["heading_deg"] - track.tabulate()["heading_deg"])), 0.0, atol=1e-9)
+    turned, old, new = track.turn(90.0), track.footfalls, track.turn(90.0).footfalls
+    swap = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # what was north is east
+    np.testing.assert_allclose(turned.position, track.position @ swap.T, atol=1e-12)
+    np.testing.assert_allclose(turned.velocity, track.velocity @ swap.T, atol=1e-12)
+    np.testing.assert_allclose(turned.nav_R_body, swap @ track.nav_R_body, atol=1e-12)
+    np.testing.assert_allclose(turned.cov, swap @ track.cov @ swap.T, atol=1e-15)
+    for name, was, sign in (
+        ("x_m", "y_m", 1), ("y_m", "x_m", -1), ("z_m", "z_m", 1), ("sigma_x_m", "sigma_y_m", 1),
+        ("sigma_y_m", "sigma_x_m", 1), ("sigma_z_m", "sigma_z_m", 1), ("cov_xy_m2", "cov_xy_m2", -1),
+        ("cov_xz_m2", "cov_yz_m2", 1), ("cov_yz_m2", "cov_xz_m2", -1),
+    ):  # fmt: skip
+        np.testing.assert_allclose(new[name], sign * old[was], atol=1e-12, err_msg=name)
+    np.testing.assert_allclose(new["heading_deg"], (old["heading_deg"] + 90.0) % 360.0)
+    path, before = turned.tabulate(), track.tabulate()
+    np.testing.assert_allclose((path["heading_deg"] - before["heading_deg"]) % 360.0, 90.0, atol=1e-9)
+    moving = [name for name in path if name.startswith("v")]
+    np.testing.assert_allclose(path[moving], before[moving] @ swap.T, atol=1e-12)
+    # by any other angle the course of the velocity turns as the path does
+    east, north = track.turn(30.0).velocity[:, :2].T
+    course = np.degrees(np.arctan2(east, north) - np.arctan2(track.velocity[:, 0], track.velocity[:, 1]))
+    np.testing.assert_allclose(course % 360.0, 30.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("latitude", [0.0, -33.9, 78.2])
-def test_a_kilometer_is_a_kilometer_on_the_earth(latitude: float) -> None:
+def test_a_kilometer_is_a_kilometer_on_the_earth() -> None:
     walk_m = np.array([[0.0, 0.0, 0.0], [1000.0, 0.0, 0.0], [0.0, 1000.0, 0.0], [600.0, -800.0, 0.0]])
-    place = Origin(latitude, 11.575).locate(walk_m)
-    np.testing.assert_allclose(place[0], [11.575, latitude, 0.0], atol=1e-12)
-    for (longitude, north, _), toward_deg in zip(place[1:], (90.0, 0.0, 143.130102), strict=True):
-        distance_m, azimuth_deg = vdist(latitude, 11.575, north, longitude)
-        assert distance_m == pytest.approx(1000.0, abs=1e-3)
-        assert np.cos(np.deg2rad(azimuth_deg - toward_deg)) == pytest.approx(1.0, abs=1e-8)
-    # of a degree of longitude at this latitude, by the radius of the prime vertical
-    radius_m = 6378137.0 / np.sqrt(1.0 - 0.00669437999014 * np.sin(np.deg2rad(latitude)) ** 2)
-    east_deg = np.rad2deg(1000.0 / (radius_m * np.cos(np.deg2rad(latitude))))
-    assert place[1, 0] - 11.575 == pytest.approx(east_deg, rel=1e-6)
+    for latitude in (0.0, -33.9, 78.2):
+        place = Origin(latitude, 11.575).locate(walk_m)
+        np.testing.assert_allclose(place[0], [11.575, latitude, 0.0], atol=1e-12)
+        for (longitude, north, _), toward_deg in zip(place[1:], (90.0, 0.0, 143.130102), strict=True):
+            distance_m, azimuth_deg = vdist(latitude, 11.575, north, longitude)
+            assert distance_m == pytest.approx(1000.0, abs=1e-3)
+            assert np.cos(np.deg2rad(azimuth_deg - toward_deg)) == pytest.approx(1.0, abs=1e-8)
 
 
 def returned(place: np.ndarray) -> np.ndarray:
@@ -162,19 +168,29 @@ def test_gdal_opens_the_maps(track: ExportTrack, tmp_path: Path, ending: str, la
 
 def test_kml_has_looks_heights_and_times(track: ExportTrack, tmp_path: Path) -> None:
     export_track(track, tmp_path / "walk.kml", Origin(48.137, 11.575))
-    space = {"k": "http://www.opengis.net/kml/2.2"}
-    root = ElementTree.parse(tmp_path / "walk.kml").getroot()
-    placemarks = root.findall(".//k:Placemark", space)
+    start = parse_start("2026-05-04T09:30:00+02:00")
+    export_track(replace(track, start=start), tmp_path / "timed.kml", MUNICH)
+    plain, timed = (ElementTree.parse(tmp_path / f"{name}.kml").getroot() for name in ("walk", "timed"))
+    placemarks = plain.findall(".//k:Placemark", KML)
     assert len(placemarks) == 2 * len(AT) + 1
-    assert all(len(one.findall("k:Style", space)) == 1 for one in placemarks)
-    assert {one.text for one in root.iterfind(".//k:altitudeMode", space)} == {"clampToGround"}
-    lines = {one.text for one in root.iterfind(".//k:LineStyle/k:color", space)}
-    assert "ffb27200" in lines  # opacity, blue, green, red
-    assert not root.findall(".//k:when", space)
-    export_track(replace(track, start=parse_start("2026-05-04T09:30:00+02:00")), tmp_path / "timed.kml", MUNICH)
-    timed = ElementTree.parse(tmp_path / "timed.kml").getroot()
-    assert [one.text for one in timed.iterfind(".//k:when", space)][1] == "2026-05-04T07:30:02.500Z"
-    assert {one.text for one in timed.iterfind(".//k:altitudeMode", space)} == {"absolute"}
+    assert all(len(one.findall("k:Style", KML)) == 1 for one in placemarks)
+    # opacity, blue, green, red
+    for style, colors in (
+        ("Line", {"66b27200", "ffb27200"}),
+        ("Poly", {"14b27200"}),
+        ("Icon", {"ffb27200"}),
+    ):
+        assert {one.text for one in plain.iterfind(f".//k:{style}Style/k:color", KML)} == colors, style
+    assert {one.text for one in plain.iterfind(".//k:altitudeMode", KML)} == {"clampToGround"}
+    assert not plain.findall(".//k:when", KML)
+    when = [one.text for one in timed.iterfind(".//k:when", KML)]
+    assert (len(when), when[1]) == (len(AT), "2026-05-04T07:30:02.500Z")
+    assert {one.text for one in timed.iterfind(".//k:altitudeMode", KML)} == {"absolute"}
+    # rings are closed, and where the ellipses are
+    rings = [one.text.split() for one in timed.iterfind(".//k:LinearRing/k:coordinates", KML)]
+    assert all(ring[0] == ring[-1] for ring in rings)
+    found = [returned([row.split(",") for row in ring]) for ring in rings]
+    np.testing.assert_allclose(found, outline_ellipses(track)[1], atol=2e-3)
 
 
 def test_gpx_returns_footfalls_and_their_times(track: ExportTrack, tmp_path: Path) -> None:
@@ -244,6 +260,7 @@ def test_a_ros_bag_returns_odometry_and_path(track: ExportTrack, tmp_path: Path)
     covariance = odometry[AT[3]][1].pose.covariance.reshape(6, 6)
     np.testing.assert_allclose(covariance[:3, :3], track.cov[3], rtol=1e-9)
     assert covariance[5, 5] == pytest.approx(0.04**2, rel=1e-6)
+    np.testing.assert_array_equal(covariance[[3, 4], [3, 4]], 1e6)  # not known
     ((_, path),) = read["/fg_nav/path"]
     places = [(pose.pose.position.x, pose.pose.position.y, pose.pose.position.z) for pose in path.poses]
     np.testing.assert_allclose(places, track.position[AT], atol=1e-8)
@@ -261,8 +278,7 @@ def test_of_an_odd_track_all_is_written_that_is_known(solution: Solution, tmp_pa
         export_track(odd, tmp_path / f"walk{ending}", MUNICH)
         assert "nan" not in (tmp_path / f"walk{ending}").read_text().lower()
     assert not len(outline_ellipses(odd)[0])
-    space = {"k": "http://www.opengis.net/kml/2.2"}
-    name = ElementTree.parse(tmp_path / "walk.kml").getroot().findtext("k:Document/k:name", namespaces=space)
+    name = ElementTree.parse(tmp_path / "walk.kml").getroot().findtext("k:Document/k:name", namespaces=KML)
     assert name == json.loads((tmp_path / "walk.geojson").read_text())["name"] == "B\u00fcro \u8d70 <&>??"
     assert odd.format_utc(odd.t) is None
     absolute = replace(odd, t=odd.t + 1.7e9)
@@ -290,9 +306,8 @@ def test_the_command_writes_several_files(fg_nav: FgNav, folder: Path) -> None:
     assert fg_nav("export", folder, own, "--turn", "9", "--force").refused("trajectory.tum", "result itself")
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
+def test_bad_requests_are_refused_in_a_sentence(fg_nav: FgNav, folder: Path) -> None:
+    for words, said in (
         (("w.shp",), ("'.shp'", ".geojson, .kml, .gpx")),
         (("w.kml",), ("--origin",)),
         (("w.mat", "--origin", "48,11"), ("leave --origin out",)),
@@ -301,46 +316,36 @@ def test_the_command_writes_several_files(fg_nav: FgNav, folder: Path) -> None:
         (("w.kml", "--origin", "nan,11"), ("not on the Earth",)),
         (("w.kml", "--origin", "48,11", "--start", "yesterday"), ("ISO 8601",)),
         (("w.kml", "--origin", "48,11", "--start", "2026-05-04T09:30:00"), ("no zone",)),
-    ],
-)
-def test_bad_requests_are_told_in_a_sentence(
-    fg_nav: FgNav, folder: Path, words: tuple[str, ...], said: tuple[str, ...]
-) -> None:
-    assert fg_nav("export", folder, *words).refused(*said)
+    ):
+        assert fg_nav("export", folder, *words).refused(*said), words
     assert not list(Path().iterdir())
 
 
 def test_what_is_no_result_is_told_in_a_sentence(folder: Path, tmp_path: Path) -> None:
-    def refusal(place: Path) -> str:
-        with pytest.raises(FormatError) as error:
+    def refuse(place: Path, words: str) -> None:
+        with pytest.raises(FormatError, match=words):
             read_result(place)
-        return str(error.value)
 
-    assert "is not there" in refusal(tmp_path / "nowhere")
-    assert "is a file" in refusal(folder / "strides.csv")
-    assert "no result of `fg-nav run`" in refusal(tmp_path)
+    refuse(tmp_path / "nowhere", "is not there")
+    refuse(folder / "strides.csv", "is a file")
+    refuse(tmp_path, "no result of `fg-nav run`")
     (tmp_path / "comparison.json").write_text("[]")
     (tmp_path / "iez").mkdir()
     (tmp_path / "iez" / "trajectory.tum").touch()
-    assert "folder of one method in it (iez)" in refusal(tmp_path)
-    broken = tmp_path / "broken"
-    broken.mkdir()
-    for file in folder.iterdir():
-        (broken / file.name).write_bytes(file.read_bytes())
-    text = (folder / "strides.csv").read_text()
-    for damaged, said in (
-        (text.replace("cov_xy_m2", "cov"), "no column cov_xy_m2"),
-        (text.splitlines()[0], "no footfall"),
-        (text.replace("\n1,", "\none,"), "is damaged"),
-        ("", "is damaged"),
+    refuse(tmp_path, r"folder of one method in it \(iez\)")
+    broken, text = tmp_path / "broken", (folder / "strides.csv").read_text()
+    shutil.copytree(folder, broken)
+    for name, damaged, words in (
+        ("strides.csv", text.replace("cov_xy_m2", "cov"), "no column cov_xy_m2"),
+        ("strides.csv", text.splitlines()[0], "no footfall"),
+        ("strides.csv", text.replace("\n1,", "\none,"), "is damaged"),
+        ("strides.csv", "", "is damaged"),
+        ("summary.json", "{", "is damaged"),
+        ("trajectory.tum", "1 2 3\n", "trajectory.tum"),
     ):
-        (broken / "strides.csv").write_text(damaged)
-        assert said in refusal(broken)
-    (broken / "strides.csv").write_text(text)
-    (broken / "summary.json").write_text("{")
-    assert "is damaged" in refusal(broken)
-    (broken / "trajectory.tum").write_text("1 2 3\n")
-    assert "trajectory.tum" in refusal(broken)
+        (broken / name).write_text(damaged)
+        refuse(broken, words)
+        shutil.copy(folder / name, broken / name)
 
 
 def test_an_extra_that_is_absent_is_named(track: ExportTrack, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

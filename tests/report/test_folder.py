@@ -7,14 +7,7 @@ import pytest
 
 from fg_nav.errors import OutputError
 from fg_nav.report import folder as folder_module
-from fg_nav.report.folder import (
-    check_free,
-    claim_folder,
-    hold_folder,
-    result_file,
-    result_files,
-    result_folder,
-)
+from fg_nav.report.folder import check_free, claim_folder, hold_folder, result_file, result_files, result_folder
 
 
 def fill(folder: Path, words: str = "new") -> None:
@@ -47,21 +40,19 @@ def test_result_is_not_visible_before_it_is_complete(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", [RuntimeError, KeyboardInterrupt])
-def test_failure_leaves_nothing_or_the_older_result(tmp_path: Path, kind: type[BaseException]) -> None:
+def test_failure_leaves_nothing_or_the_older_result_and_force_replaces_it_whole(
+    tmp_path: Path, kind: type[BaseException]
+) -> None:
+    out = tmp_path / "out"
     with pytest.raises(kind):
-        interrupted(tmp_path / "out", kind)
+        interrupted(out, kind)
     assert list(tmp_path.iterdir()) == []
-    make(tmp_path / "out", "old")
-    with pytest.raises(OutputError, match="--force"), result_folder(tmp_path / "out"):
+    make(out, "old")
+    with pytest.raises(OutputError, match="--force"), result_folder(out):
         pass
     with pytest.raises(kind):
-        interrupted(tmp_path / "out", kind)
-    assert content(tmp_path / "out") == {"summary.json": "old", "config.json": "old"}
-
-
-def test_force_replaces_the_whole_older_result(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    make(out, "old")
+        interrupted(out, kind)
+    assert content(out) == {"summary.json": "old", "config.json": "old"}
     (out / "iez").mkdir()
     (out / "iez" / "strides.csv").write_text("old")
     with result_folder(out, force=True) as folder:
@@ -69,17 +60,15 @@ def test_force_replaces_the_whole_older_result(tmp_path: Path) -> None:
     assert content(out) == {"summary.json": "new", "config.json": "new"}
 
 
-@pytest.mark.parametrize("name", ["thesis.tex", "recording.csv", "data/walk.csv", "iez/notes.txt"])
-def test_foreign_files_are_never_touched(tmp_path: Path, name: str) -> None:
-    make(tmp_path / "out", "old")
-    (tmp_path / "out" / name).parent.mkdir(exist_ok=True)
-    (tmp_path / "out" / name).write_text("mine")
-    with pytest.raises(OutputError, match=name), result_folder(tmp_path / "out", force=True):
-        pass
-    assert (tmp_path / "out" / name).read_text() == "mine"
-
-
-def test_file_in_place_of_the_folder(tmp_path: Path) -> None:
+def test_foreign_files_are_never_touched(tmp_path: Path) -> None:
+    for k, name in enumerate(("thesis.tex", "recording.csv", "data/walk.csv", "iez/notes.txt")):
+        out = tmp_path / str(k)
+        make(out, "old")
+        (out / name).parent.mkdir(exist_ok=True)
+        (out / name).write_text("mine")
+        with pytest.raises(OutputError, match=name), result_folder(out, force=True):
+            pass
+        assert (out / name).read_text() == "mine"
     (tmp_path / "out").write_text("mine")
     with pytest.raises(OutputError, match="is a file"):
         check_free(tmp_path / "out", force=True)

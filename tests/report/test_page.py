@@ -12,7 +12,7 @@ import pytest
 
 from fg_nav.report.charts import AlignedSolution, describe_frame, find_ellipses
 from fg_nav.report.files import write_comparison, write_lagged, write_run
-from fg_nav.report.page import Page, compose_page, describe_graph
+from fg_nav.report.page import compose_page, describe_graph
 from fg_nav.report.series import HEAVIEST, draw_graph
 from fg_nav.solution import Solution
 from fg_nav.walk import Walk
@@ -23,16 +23,12 @@ SECTIONS = ["path", "graph", "height", "sigma", "stances", "bias", "heading", "s
 HOSTILE = "</script><img src=x onerror=alert(1)>'\".csv"
 
 
-def named(walk: Walk, name: str) -> Walk:
-    provenance = replace(walk.recording.provenance, path=Path(name))
-    return replace(walk, recording=replace(walk.recording, provenance=provenance))
-
-
 @pytest.fixture(scope="module")
 def folder(walk: Walk, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder with the page of a walk whose file has a hostile name."""
     folder = tmp_path_factory.mktemp("page")
-    write_run(folder, named(walk, HOSTILE), walks.outcome(walk))
+    provenance = replace(walk.recording.provenance, path=Path(HOSTILE))
+    write_run(folder, replace(walk, recording=replace(walk.recording, provenance=provenance)), walks.outcome(walk))
     return folder
 
 
@@ -58,16 +54,12 @@ def test_figures_of_the_page_are_those_of_the_summary(folder: Path, text: str) -
     assert f"{summary['rmse_2d_m']:.3f} m</strong>" in text
 
 
-def test_the_page_is_small_and_a_hostile_name_is_text(text: str) -> None:
+def test_the_page_is_small_a_hostile_name_is_text_and_the_path_that_of_the_solution(walk: Walk, text: str) -> None:
     assert len(text.encode()) < 3e6
     assert "<img" not in text.replace("<img/>", "")
     assert "&lt;img src=x onerror=alert(1)&gt;" in text
     assert len(re.findall(r"<script", text)) == 3
-
-
-def test_the_path_on_the_page_is_that_of_the_solution(walk: Walk, text: str) -> None:
     outcome = walks.outcome(walk)
-    assert outcome.comparison is not None
     path = next(trace for trace in charts_of(text)["path"]["data"] if trace["name"] == "smoother")
     aligned = outcome.comparison.alignment.apply(outcome.solution.position)
     assert len(path["x"]) <= 6001
@@ -90,12 +82,6 @@ def test_an_alignment_takes_the_common_turn_out_of_the_ellipses(walk: Walk) -> N
     largest = [float(np.max(found.semi)) for view in (alone, aligned) if (found := find_ellipses(view))]
     assert largest[0] > 1.0
     assert largest[1] == pytest.approx(2.448 * 0.01, rel=0.05)
-
-
-def content(walk: Walk) -> Page:
-    outcome = walks.outcome(walk)
-    summary = {"method": "smoother", "strides": 3, "end_sigma_m": [0.1, 0.1, 0.1], "notes": []}
-    return compose_page({"smoother": outcome}, [summary], {"smoother": {}}, {"smoother": walk})
 
 
 def with_graph(walk: Walk) -> Solution:
@@ -140,7 +126,9 @@ def test_the_graph_of_a_solution_is_told_and_drawn(walk: Walk) -> None:
 
 @pytest.mark.parametrize("change", [walks.without_truth, walks.with_footprints], ids=lambda f: f.__name__)
 def test_every_section_is_there_and_says_why_it_has_no_chart(walk: Walk, change: Any) -> None:
-    page = content(change(walk))
+    changed = change(walk)
+    summary = {"method": "smoother", "strides": 3, "end_sigma_m": [0.1, 0.1, 0.1], "notes": []}
+    page = compose_page({"smoother": walks.outcome(changed)}, [summary], {"smoother": {}}, {"smoother": changed})
     assert [section.name for section in page.sections] == SECTIONS
     for section in page.sections:
         assert section.charts or section.words, section.name

@@ -23,8 +23,7 @@ STRIDE_COLUMNS = (
     "same_place_as,place_score,gyro_bias_sigma_x_deg_s,gyro_bias_sigma_y_deg_s,gyro_bias_sigma_z_deg_s,compass_weight"
 )
 SUMMARY_KEYS = {
-    "method", "duration_s", "distance_m", "strides", "closure_m", "closure_percent", "runtime_s",
-    "realtime_factor",
+    "method", "duration_s", "distance_m", "strides", "closure_m", "closure_percent", "runtime_s", "realtime_factor",
 }  # fmt: skip
 TRUTH_KEYS = {"rmse_2d_m", "rmse_3d_m", "end_error_m", "max_error_m", "heading_rmse_deg", "alignment"}
 
@@ -100,24 +99,19 @@ def test_magnetometer_is_used_when_the_method_says_so(
 
 def test_config_names_input_version_and_parameters(tmp_path: Path, walk: Walk) -> None:
     write_run(tmp_path, walk, walks.outcome(walk), "none")
-    config = loaded(tmp_path / "config.json")
-    assert config["format"] == "simulated"
-    assert config["recording"] is None
-    assert config["truth"] == "in the recording"
+    config, count = loaded(tmp_path / "config.json"), len(walk.stances)
     assert config["fg_nav_version"]
-    assert config["parameters"] == {"noise": {"acc_m_s2": 0.3}, "unknown": None}
-    count = len(walk.stances)
-    detector = {"name": "TRUE SPEED", "threshold": walks.STILL_M_S, "stances": count, "footfalls": count}
-    assert config["detector"] == detector
+    for key, value in {
+        "format": "simulated",
+        "recording": None,
+        "truth": "in the recording",
+        "parameters": {"noise": {"acc_m_s2": 0.3}, "unknown": None},
+        "detector": {"name": "TRUE SPEED", "threshold": walks.STILL_M_S, "stances": count, "footfalls": count},
+    }.items():
+        assert config[key] == value
 
 
 def test_json_is_standard_whatever_numpy_hands_over(tmp_path: Path) -> None:
-    content = {
-        "a": np.float64("inf"),
-        "b": np.arange(2),
-        "c": (np.int64(3), np.bool_(True)),
-        "d": Path("x"),
-        5: None,
-    }
+    content = {"a": np.inf, "b": np.arange(2), "c": (np.int64(3), np.bool_(True)), "d": Path("x"), 5: None}
     write_json(tmp_path / "x.json", content)
     assert loaded(tmp_path / "x.json") == {"a": None, "b": [0, 1], "c": [3, True], "d": "x", "5": None}

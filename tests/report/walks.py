@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from fg_nav.arrays import Floats, Ints
 from fg_nav.detection.stance import Stances
 from fg_nav.evaluation import evaluate
 from fg_nav.evaluation.comparison import compare
@@ -37,24 +38,26 @@ def drifting(recording: Recording, stances: Stances, method: str = "smoother", d
     turn = Rotation.from_rotvec(np.outer(np.deg2rad(drift_deg) * t / t[-1], [0, 0, 1]))
     step = turn.apply(np.diff(truth.position, axis=0, prepend=truth.position[:1]))
     position, attitude = np.cumsum(step, axis=0), turn.as_matrix() @ truth.nav_R_body
+    k = np.arange(len(stances))
+    table = stance_table(
+        t, position, attitude, (stances.start + stances.stop) // 2,
+        gyro_bias=np.tile(np.deg2rad([0.1, -0.05, 0.08]), (len(k), 1)),
+        position_cov=(0.002 + 0.004 * k[:, None, None]) ** 2 * np.array([[1, 0.3, 0], [0.3, 0.4, 0], [0, 0, 0.2]]),
+        heading_sigma=np.deg2rad(0.2 + 0.03 * k),
+        gyro_bias_sigma=np.deg2rad(np.outer(0.02 + 0.2 * np.exp(-k / 10), [1, 1, 2])),
+    )  # fmt: skip
     return Solution(
-        method=method, t=t, position=position, velocity=np.gradient(position, t, axis=0), nav_R_body=attitude,
-        stances=_stance_table(t, position, attitude, stances), runtime_s=0.25,
+        method, t, position, np.gradient(position, t, axis=0), attitude, table, runtime_s=0.25,
         parameters={"noise": {"acc_m_s2": 0.3}, "unknown": float("nan")}, notes=("made for a test",),
     )  # fmt: skip
 
 
-def _stance_table(t: np.ndarray, position: np.ndarray, attitude: np.ndarray, stances: Stances) -> StanceTable:
-    sample = (stances.start + stances.stop) // 2
-    k = np.arange(len(sample))
-    shape = np.array([[1.0, 0.3, 0.0], [0.3, 0.4, 0.0], [0.0, 0.0, 0.2]])
+def stance_table(t: Floats, position: Floats, attitude: Floats, sample: Ints, **known: Floats) -> StanceTable:
+    """Stances at these samples, of which no field was used."""
+    words = ("none",) * len(sample), ("not used, as yet",) * len(sample)
     return StanceTable(
-        sample=sample, t=t[sample], position=position[sample], nav_R_body=attitude[sample],
-        gyro_bias=np.tile(np.deg2rad([0.1, -0.05, 0.08]), (len(k), 1)),
-        position_cov=(0.002 + 0.004 * k[:, None, None]) ** 2 * shape,
-        heading_sigma=np.deg2rad(0.2 + 0.03 * k),
-        gyro_bias_sigma=np.deg2rad(np.outer(0.02 + 0.2 * np.exp(-k / 10), [1, 1, 2])),
-        field=("none",) * len(k), field_reason=("not used, as yet",) * len(k),
+        sample=sample, t=t[sample], position=position[sample], nav_R_body=attitude[sample], field=words[0],
+        field_reason=words[1], **known,
     )  # fmt: skip
 
 

@@ -43,6 +43,11 @@ def test_most_of_what_was_cut_is_given_back() -> None:
     np.testing.assert_array_equal(found.whole[below, 1], gyr[below, 1])
     assert not found.sigma[below].any()
     assert (np.abs(found.whole[:, 1]) >= np.abs(cut[:, 1])).all()
+    # a sensor within its range is left alone
+    found = rebuild_peaks(gyr, 1 / RATE_HZ)
+    np.testing.assert_array_equal(found.whole, gyr)
+    assert not found.sigma.any()
+    assert not found.run.any()
 
 
 def test_a_parabola_sampled_finely_is_found_but_for_what_the_range_forbids() -> None:
@@ -117,11 +122,3 @@ def test_without_flanks_a_run_stays_and_may_hide_as_much_as_it_shows() -> None:
         assert (found.whole[end] > LIMIT).any()
     nothing_else = np.concatenate([cut[long], -cut[long]])
     np.testing.assert_array_equal(rebuild_peaks(nothing_else, 1 / RATE_HZ).whole, nothing_else)
-
-
-def test_a_sensor_within_its_range_is_left_alone() -> None:
-    gyr = swings(np.random.default_rng(3))
-    found = rebuild_peaks(gyr, 1 / RATE_HZ)
-    np.testing.assert_array_equal(found.whole, gyr)
-    assert not found.sigma.any()
-    assert not found.run.any()

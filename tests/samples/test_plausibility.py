@@ -32,23 +32,19 @@ def _tumbling(rng: np.random.Generator, swing_rad: float = 0.7) -> tuple[np.ndar
     return acc, gyr
 
 
-def test_gravity_turns_as_the_gyroscope_says() -> None:
+def test_gravity_turns_as_the_gyroscope_says_in_any_right_handed_axes() -> None:
     acc, gyr = _tumbling(np.random.default_rng(1))
     transport = measure_gravity_transport(acc, gyr, PERIOD_S)
     assert transport.gain == pytest.approx(1.0, abs=0.02)
     assert transport.correlation > 0.99
     assert measure_gravity_transport(acc, np.rad2deg(gyr), PERIOD_S).gain == pytest.approx(np.pi / 180, rel=0.02)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_transport_is_the_same_in_any_right_handed_axes(seed: int) -> None:
-    acc, gyr = _tumbling(np.random.default_rng(1))
-    turned = Rotation.random(rng=np.random.default_rng(seed))
-    transport = measure_gravity_transport(turned.apply(acc), turned.apply(gyr), PERIOD_S)
-    assert transport.gain == pytest.approx(measure_gravity_transport(acc, gyr, PERIOD_S).gain)
-    assert not transport.is_mirrored
     mirror = np.array([1.0, 1.0, -1.0])
-    assert measure_gravity_transport(turned.apply(acc) * mirror, turned.apply(gyr) * mirror, PERIOD_S).is_mirrored
+    for turned in Rotation.random(3, rng=np.random.default_rng(0)):
+        acc, gyr = turned.apply(acc), turned.apply(gyr)
+        found = measure_gravity_transport(acc, gyr, PERIOD_S)
+        assert found.gain == pytest.approx(transport.gain)
+        assert not found.is_mirrored
+        assert measure_gravity_transport(acc * mirror, gyr * mirror, PERIOD_S).is_mirrored
 
 
 def test_slow_turning_in_degrees_is_recognised_by_gravity_alone() -> None:
@@ -102,8 +98,8 @@ def test_removed_gravity_of_a_real_walk() -> None:
         assert "gravity removed" in problems[0]
 
 
-@pytest.mark.parametrize("seed", range(1, 7))
-def test_the_beginning_of_a_right_handed_walk_is_not_called_mirrored(seed):
+@pytest.mark.parametrize("seed", range(1, 4))
+def test_the_beginning_of_a_right_handed_walk_is_not_called_mirrored(seed: int) -> None:
     """Most of it is rest, and the few windows that turn are those of heel-off: too few to tell."""
     walk = simulate("demo", seed, Choices(field="homogeneous")).recording
     for rows in (walk.t < seconds for seconds in (8.0, 15.0, 25.0)):
