@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.frames import GRAVITY_M_S2, yaw_rotation
 from fg_nav.pocket import PocketStart
+from fg_nav.pocket.track import PocketTrack
 from fg_nav.recording import Recording
 
 BIAS = np.radians([-0.1, 0.1, -0.1])
@@ -88,6 +89,14 @@ def error_deg_s(track, bias=BIAS):
 def turn_deg(track, leg):
     """Rotation (N, 3) from the truth to the estimate, in nav, deg."""
     return np.degrees(Rotation.from_matrix(track.nav_R_body @ leg.attitude[:-1].transpose(0, 2, 1)).as_rotvec())
+
+
+def track_of(t, nav_R_body, heading_sigma=0.0):
+    """A track with these attitudes (N, 3, 3) and sigmas of the heading, rad, and nothing else."""
+    sigma = np.zeros((len(t), 6))
+    sigma[:, 2] = heading_sigma
+    nothing, none = np.full(len(t), np.nan), np.zeros(1, int)
+    return PocketTrack(t, nav_R_body, np.zeros((len(t), 3)), sigma, none, np.zeros((1, 6, 6)), nothing, nothing)
 
 
 def moved_field(recording, leg, change):
