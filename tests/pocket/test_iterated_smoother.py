@@ -78,7 +78,7 @@ def test_claims_are_true_over_many_walks(assume):
     """NEES of the bias, 3 expected, in a field that walks as modelled, where no t-distribution is needed."""
     leg = walking(20.0)
     assume(FIELD_FREEDOM=1e6, PACE_FREEDOM=1e6, SWING_FREEDOM=1e6, FIELD_DEVIATION_UT=100.0)
-    nees = []
+    nees, nis = [], []
     for seed in range(24):
         rng = np.random.default_rng((7, seed))
         bias = np.radians(P.gyro_bias_sigma_deg_s) * rng.standard_normal(3)
@@ -89,8 +89,10 @@ def test_claims_are_true_over_many_walks(assume):
         track = smooth_pocket(moved_field(recording, leg, np.cumsum(steps, axis=0)), EXACT, start)
         error = track.gyro_bias[track.covariance_sample[-1]] - bias
         nees.append(error @ np.linalg.solve(track.covariance[-1, 3:, 3:], error))
+        nis.append(np.nanmean(track.field_nis))
     # mean of 24 values of chi-square of 3: 3 +- 0.5; forces average over 100 samples and are better than is claimed
     assert 1.2 < np.mean(nees) < 4.5
+    assert 1.6 < np.mean(nis) < 2.3  # of three numbers, as two
 
 
 @ESTIMATORS
