@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.detection import RestParameters, detect_stances, find_rests
 from fg_nav.detection import rest as rest_module
-from fg_nav.detection.rest import estimate_lever, find_start
+from fg_nav.detection.rest import estimate_lever, find_start, freeze_ends
 from fg_nav.detection.stance import Stances
 from fg_nav.frames import GRAVITY_M_S2, compute_heading
 from fg_nav.lab.simulation.motion import Ramps, Style
@@ -211,6 +211,17 @@ def test_the_rest_at_the_start_ends_with_the_lift_of_the_heel_and_may_come_after
     assert apart.rest.stop <= 150 < 250 <= together.rest.start
     assert together.rest.stop - together.rest.start > 2 * (apart.rest.stop - apart.rest.start)
     np.testing.assert_allclose(together.nav_R_body, apart.nav_R_body)
+
+
+def test_beyond_some_seconds_from_the_outermost_stances_the_walk_is_held_in_place():
+    t = np.arange(0.0, 60.0, 0.01)
+    position, velocity = np.outer(t, [1.0, 2.0, 0.0]), np.tile([1.0, 2.0, 0.0], (len(t), 1))
+    notes = freeze_ends(t, Stances.from_mask((t > 20.0) & (t < 35.0)), position, velocity)
+    first, last = 20.0 - rest_module.MAX_FREE_S, 35.0 + rest_module.MAX_FREE_S
+    np.testing.assert_allclose(position, np.outer(np.clip(t, first, last), [1.0, 2.0, 0.0]), atol=0.05)
+    assert (velocity.any(axis=1) == ((t > first) & (t < last))).mean() > 0.999
+    assert notes[0] == f"{first:.1f} s before the first footfall are not navigated"
+    assert notes[1] == f"{60.0 - last:.1f} s after the last footfall are not navigated"
 
 
 # the rolling lever, on feet whose lever is known
