@@ -244,6 +244,19 @@ def test_the_lever_gives_the_velocity_that_the_foot_has():
     assert wrong > 10.0
 
 
+def test_a_foot_that_rolls_has_the_velocity_of_its_height_and_a_sigma_that_grows_with_its_rate():
+    """v = (R w) x (0, 0, height), upright in nav however the sensor sits; the rest of the lever is noise."""
+    R, w, height = Rotation.from_rotvec([0.3, -0.8, 2.0]).as_matrix(), np.array([0.5, -0.7, 0.9]), 0.07
+    moved = np.cross(R @ w, [0.0, 0.0, height])
+    nis, noise = velocity_nis(moved, R, gyr=w, roll_height_m=height, rolling_lever_m=None)
+    assert nis == pytest.approx(0.0, abs=1e-20)
+    off = np.array([0.02, 0.01, -0.01])
+    for rate in (w, 2.0 * w):
+        v = off + np.cross(R @ rate, [0.0, 0.0, height])
+        nis, _ = velocity_nis(v, R, gyr=rate, roll_height_m=height, rolling_lever_m=None)
+        assert nis == pytest.approx(off @ off / ((noise.floor + noise.rolling * rate @ rate) / 0.005 + 1e-8))
+
+
 def test_a_foot_that_is_pushed_has_a_larger_sigma():
     (still, noise), (up, _), (down, _) = (
         velocity_nis(np.array([0.02, 0.0, 0.0]), acc=(0.0, 0.0, 9.80665 + push), rolling_lever_m=(0.0, 0.0, 0.0))
