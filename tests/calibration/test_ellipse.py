@@ -26,13 +26,12 @@ def turned(angle):
     return yaw_rotation(angle)[:2, :2]
 
 
-def read(heading, offset=OFFSET, eta=ETA, tau=TAU, noise_uT=0.0, rng=None):
+def read(heading, eta=ETA, tau=TAU, noise_uT=0.0, seed=0):
     """Levelled readings (F, 2) of a foot with these headings: x axis forward, so north lies `heading` to the left."""
     field = HORIZONTAL * np.stack([np.cos(heading), np.sin(heading)], axis=1)
     long_axis = np.array([np.cos(eta), np.sin(eta)])
     soft = np.eye(2) + (1 / tau - 1) * np.outer(long_axis, long_axis)
-    noise = 0.0 if rng is None else noise_uT * rng.standard_normal(field.shape)
-    return field @ soft.T + offset + noise
+    return field @ soft.T + OFFSET + noise_uT * np.random.default_rng(seed).standard_normal(field.shape)
 
 
 def footfalls(level_R_body_, vertical=-43.0, heading=ROUND, readings=None):
@@ -67,7 +66,7 @@ def test_eq_6_needs_the_full_round_and_eq_7_the_centre():
 
 
 def test_a_turned_and_shifted_sensor_turns_and_shifts_the_ellipse():
-    readings = read(ROUND, noise_uT=0.3, rng=np.random.default_rng(1))
+    readings = read(ROUND, noise_uT=0.3, seed=1)
     one, other = fit_ellipse(readings), fit_ellipse(readings @ turned(0.7).T + [3.0, -40.0])
     assert other.offset_uT == pytest.approx(turned(0.7) @ one.offset_uT + [3.0, -40.0], abs=1e-4)
     assert half_turn(other.eta_rad - one.eta_rad - 0.7) == pytest.approx(0.0, abs=1e-4)
@@ -78,7 +77,7 @@ def test_a_turned_and_shifted_sensor_turns_and_shifts_the_ellipse():
 def test_errors_are_as_large_as_their_sigmas(heading):
     errors = []
     for seed in range(120):
-        found = fit_ellipse(read(heading, noise_uT=0.3, rng=np.random.default_rng(seed)))
+        found = fit_ellipse(read(heading, noise_uT=0.3, seed=seed))
         error = [*(found.offset_uT - OFFSET), half_turn(found.eta_rad - ETA), found.tau - TAU]
         errors.append(error / found.sigma)
     rms = np.sqrt(np.mean(np.square(errors), axis=0))
@@ -87,7 +86,7 @@ def test_errors_are_as_large_as_their_sigmas(heading):
 
 
 def test_wild_footfalls_do_not_matter_and_are_counted_and_nan_is_left_out():
-    readings = read(ROUND, noise_uT=0.3, rng=np.random.default_rng(2))
+    readings = read(ROUND, noise_uT=0.3, seed=2)
     readings[::20] += 0.5 * (readings[::20] - OFFSET)
     assert np.abs(find_ellipse_by_extremes(readings).offset_uT - OFFSET).max() > 1.0  # what the printed method finds
     readings[[3, 43]] = np.nan
@@ -101,7 +100,7 @@ def test_wild_footfalls_do_not_matter_and_are_counted_and_nan_is_left_out():
 def test_the_long_axis_of_a_circle_is_not_known_and_its_sigma_says_so():
     sigmas = []
     for tau in (0.8, 0.95, 0.999):
-        readings = read(ROUND, tau=tau, noise_uT=0.3, rng=np.random.default_rng(3))
+        readings = read(ROUND, tau=tau, noise_uT=0.3, seed=3)
         found, _ = calibrate_on_loop(footfalls(np.eye(3), vertical=0.0, readings=readings))
         sigmas.append(found.sigma[2])  # what it does to the field, (1 - tau) eta, stays as well known
         assert (1 - found.tau) * found.sigma[2] == pytest.approx(0.3 / HORIZONTAL * np.sqrt(2 / 86), rel=0.3)
@@ -121,7 +120,7 @@ def test_walking_the_same_circle_again_does_not_average_the_floor_away():
         noise = 0.1 * np.random.default_rng(7).standard_normal((len(heading), 2))
         sigmas.append(fit_ellipse(read(heading) + floor + noise).sigma[:2])
     assert sigmas[1] == pytest.approx(sigmas[0], rel=0.1)
-    white = fit_ellipse(read(heading, noise_uT=0.7, rng=np.random.default_rng(8)))
+    white = fit_ellipse(read(heading, noise_uT=0.7, seed=8))
     assert (sigmas[1] > 4 * white.sigma[:2]).all()
 
 
@@ -129,7 +128,7 @@ def test_headings_that_do_not_go_round_are_refused_and_the_missing_arc_is_named(
     for start_deg in (0.0, 100.0, 250.0):
         heading = np.deg2rad(start_deg + np.linspace(0.0, 240.0, 60))
         with pytest.raises(CalibrationError, match=r"from \d+ to \d+ deg") as refusal:
-            fit_ellipse(read(heading, noise_uT=0.05, rng=np.random.default_rng(4)))
+            fit_ellipse(read(heading, noise_uT=0.05, seed=4))
         words = str(refusal.value).split()
         first, last = float(words[words.index("from") + 1]), float(words[words.index("from") + 3])
         assert first == pytest.approx((start_deg + 240.0) % 360.0, abs=5.0)
@@ -143,7 +142,7 @@ def test_what_is_no_ellipse_is_refused():
         (0.01 * read(ROUND), "strong over the ground"),
         (np.column_stack([np.arange(20.0), np.arange(20.0)]), "no ellipse|lie on no"),
         (np.zeros((20, 2)), "lie on no"),
-        (read(ROUND, noise_uT=6.0, rng=np.random.default_rng(5)), "open by"),
+        (read(ROUND, noise_uT=6.0, seed=5), "open by"),
     ):
         with pytest.raises(CalibrationError, match=words):
             calibrate_on_loop(footfalls(np.eye(3), heading=ROUND[: len(readings)], readings=readings))
@@ -168,7 +167,7 @@ def test_in_the_body_it_corrects_footfalls_at_the_tilt_it_was_found_at():
 
 def test_the_covariance_in_the_body_is_that_of_the_ellipse_turned():
     up = np.array([-0.4, 0.15, 0.9])
-    noisy = read(ROUND, noise_uT=0.3, rng=np.random.default_rng(6))
+    noisy = read(ROUND, noise_uT=0.3, seed=6)
     found = fit_ellipse(noisy)
 
     def parameters(x):

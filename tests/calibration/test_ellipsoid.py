@@ -121,46 +121,27 @@ def test_too_narrow_a_tumbling_is_refused_with_its_weakest_direction(strength, m
 BALL = STRENGTH * np.array([[0.0, 0.0, 1.0]]) + 0.3 * np.random.default_rng(5).standard_normal((2000, 3))
 Z, ANGLE = np.random.default_rng(4).uniform([[-1.5], [0.0]], [[1.5], [2 * np.pi]], (2, 200))
 HYPERBOLOID = 20.0 * np.column_stack([np.sqrt(1 + Z**2) * np.cos(ANGLE), np.sqrt(1 + Z**2) * np.sin(ANGLE), Z])
+REFUSED = {
+    "few": (np.ones((5, 3)), "5 whole readings"),
+    "nan": (np.full((50, 3), np.nan), "0 whole readings"),
+    "a place": (np.ones((50, 3)), "no ellipsoid"),
+    "a plane": (sensor(0)[0] * [1.0, 1.0, 0.0], "no ellipsoid"),
+    "a hyperboloid": (HYPERBOLOID, "no ellipsoid|of all directions covered|not the same everywhere|open"),
+    "not turned": (BALL, "was it turned"),  # noise about one reading is a ball, and a ball is an ellipsoid
+    "T": (1e-6 * sensor(0)[0], "readings in uT"),
+    "small": (0.09 * sensor(0)[0], r"strong, .* readings in uT"),
+    "nT": (1e3 * sensor(0)[0], r"strong, .* readings in uT"),
+    "a cap": (sensor(0, within=np.deg2rad(25.0))[0], "of all directions covered"),
+    "a field each": (sensor(13, noise_uT=4.0, count=4000)[0], "not the same everywhere"),
+}
 
 
-@pytest.mark.parametrize(
-    ("readings", "words"),
-    [
-        (np.ones((5, 3)), "5 whole readings"),
-        (np.full((50, 3), np.nan), "0 whole readings"),
-        (np.ones((50, 3)), "no ellipsoid"),
-        (sensor(0)[0] * [1.0, 1.0, 0.0], "no ellipsoid"),
-        (HYPERBOLOID, "no ellipsoid|of all directions covered|not the same everywhere|open"),
-        (BALL, "was it turned"),
-        (1e-6 * sensor(0)[0], "readings in uT"),
-        (0.09 * sensor(0)[0], r"strong, .* readings in uT"),
-        (1e3 * sensor(0)[0], r"strong, .* readings in uT"),
-        (sensor(0, within=np.deg2rad(25.0))[0], "of all directions covered"),
-        (sensor(13, noise_uT=4.0, count=4000)[0], "not the same everywhere"),
-    ],
-    ids=[
-        "few",
-        "nan",
-        "a place",
-        "a plane",
-        "a hyperboloid",
-        "not turned",
-        "T",
-        "small",
-        "nT",
-        "a cap",
-        "a field each",
-    ],
-)
+@pytest.mark.parametrize("what", REFUSED)
 @pytest.mark.parametrize("fit", [fit_unit_sphere, fit_ellipsoid])
-def test_what_is_no_ellipsoid_or_would_calibrate_wrongly_is_refused(fit, readings, words):
-    """Noise about one reading is a ball, and a ball is an ellipsoid."""
+def test_what_is_no_ellipsoid_or_would_calibrate_wrongly_is_refused(fit, what):
+    readings, words = REFUSED[what]
     with pytest.raises(CalibrationError, match=words):
         fit(readings)
-
-
-@pytest.mark.parametrize("fit", [fit_unit_sphere, fit_ellipsoid])
-def test_a_field_has_a_strength(fit):
     for strength in (0.0, -48.0, np.nan, np.inf):
         with pytest.raises(CalibrationError, match="is none"):
             fit(sensor(0)[0], strength)

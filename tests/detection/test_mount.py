@@ -1,26 +1,40 @@
-"""On a foot or in a pocket: by hand-made turning, on simulated and on real recordings."""
+"""On a foot or in a pocket, and axes of the gyroscope that contradict gravity: stride by stride, of feet and thighs."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 from scipy.io import loadmat
 from scipy.spatial.transform import Rotation
 
-from fg_nav.detection.mount import measure_turning, refuse_foot, refuse_pocket
-from fg_nav.errors import EstimationError
+from fg_nav.detection.mount import (
+    AXES,
+    DECISIVE,
+    MIN_THIGH_STRIDES,
+    NO_SWINGS,
+    SUSPECT,
+    measure_axes,
+    measure_swing_axes,
+    measure_turning,
+    refuse_foot,
+    refuse_pocket,
+    refuse_wrong_axes,
+)
+from fg_nav.detection.source import AxesCheck
+from fg_nav.errors import EstimationError, RecordingError
 from fg_nav.inspection import inspect
 from fg_nav.io import read
 from fg_nav.lab.simulation import Choices, simulate
+from fg_nav.online.buffer import rows_of
 from fg_nav.recording import RawRecording, Recording
+from fg_nav.verdict.limits import judge_axes
 from tests.real_data import DATA, needs_data
-
-RATE_HZ = 100.0
 
 
 def turning(rate_deg_s, impact_m_s2=40.0, stride_s=1.0, axis=(0.2, 0.9, -0.3), seconds=30.0):
     """A sensor whose rate about an axis is this function of the share of a stride; hit once a stride."""
-    t = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
+    t = np.arange(round(seconds * 100.0)) / 100.0
     share = (t / stride_s) % 1.0
     rng = np.random.default_rng(0)
     gyr = np.radians(rate_deg_s(share))[:, None] * np.asarray(axis) + 0.02 * rng.standard_normal((len(t), 3))
@@ -40,26 +54,31 @@ def thigh(peak):
     return lambda share: peak * np.sin(2 * np.pi * share)
 
 
-def test_what_stands_in_every_stride_is_a_foot_and_what_swings_and_never_rests_a_thigh():
+@pytest.mark.parametrize(
+    ("motion", "wearing", "peaks", "taken", "refuse", "words"),
+    [
+        (foot, "foot", (250.0, 450.0, 700.0), refuse_pocket, refuse_foot, r"on a foot.*leave --mount pocket out"),
+        (thigh, "pocket", (120.0, 180.0, 300.0), refuse_foot, refuse_pocket, r"trouser pocket.*--mount pocket"),
+    ],
+    ids=["foot", "thigh"],
+)
+def test_what_stands_in_every_stride_is_a_foot_and_what_swings_and_never_rests_a_thigh(
+    motion, wearing, peaks, taken, refuse, words
+):
     upside_down = Rotation.from_rotvec([1.0, -2.0, 0.5])
     for stride_s in (0.8, 1.3):
-        for motion, peaks, wearing in ((foot, (250.0, 450.0, 700.0), "foot"), (thigh, (120.0, 180.0, 300.0), "pocket")):
-            for peak in peaks:
-                recording = turning(motion(peak), stride_s=stride_s)
-                signs = measure_turning(recording)
-                assert signs.wearing == wearing
-                other = measure_turning(replace(recording, gyr=upside_down.apply(recording.gyr)))
-                assert (other.rest_share, other.rhythm) == pytest.approx((signs.rest_share, signs.rhythm), abs=0.005)
-    for motion, taken, refuse, words in (
-        (foot(450.0), refuse_pocket, refuse_foot, r"on a foot.*leave --mount pocket out"),
-        (thigh(180.0), refuse_foot, refuse_pocket, r"trouser pocket.*--mount pocket"),
-    ):
-        taken(turning(motion))
-        with pytest.raises(EstimationError, match=words):
-            refuse(turning(motion))
-    signs = measure_turning(turning(foot(450.0), axis=(0.0, 1.0, 0.0)))
-    assert 0.38 < signs.rest_share < 0.55  # and the moments about each turning back
-    assert signs.peak_deg_s == pytest.approx(450.0, rel=0.1)
+        for peak in peaks:
+            recording = turning(motion(peak), stride_s=stride_s)
+            signs = measure_turning(recording)
+            assert signs.wearing == wearing
+            other = measure_turning(replace(recording, gyr=upside_down.apply(recording.gyr)))
+            assert (other.rest_share, other.rhythm) == pytest.approx((signs.rest_share, signs.rhythm), abs=0.005)
+    taken(turning(motion(peaks[1])))
+    with pytest.raises(EstimationError, match=words):
+        refuse(turning(motion(peaks[1])))
+    signs = measure_turning(turning(motion(peaks[1]), axis=(0.0, 1.0, 0.0)))
+    assert 0.38 < signs.rest_share < 0.55 or wearing == "pocket"  # and the moments about each turning back
+    assert signs.peak_deg_s == pytest.approx(peaks[1], rel=0.1)
     assert signs.rhythm > 0.95
 
 
@@ -90,14 +109,9 @@ def test_simulated_walks_and_what_an_inspection_says_of_them(scenario, worn):
     assert ("stances make" in verdict) == (worn != "pocket")
 
 
-def data():
-    assert DATA is not None
-    return DATA
-
-
 @needs_data
 def test_real_thighs_and_feet_of_one_subject():
-    body = loadmat(data() / "qmt_fullbody/full_body_example_data.mat", squeeze_me=True, struct_as_record=False)
+    body = loadmat(DATA / "qmt_fullbody/full_body_example_data.mat", squeeze_me=True, struct_as_record=False)
     used = (body["t"] > 40) & (body["t"] < 140)
     for segment, said in (("upper_leg", "pocket"), ("foot", "foot")):
         for side in ("left", "right"):
@@ -108,9 +122,135 @@ def test_real_thighs_and_feet_of_one_subject():
 @needs_data
 def test_real_feet_are_never_taken_for_thighs_and_nearly_always_for_feet_and_a_hand_for_neither():
     folders = ("gdin/own/*.csv", "gdin/own_obsolete/*.csv", "openshoe/*.txt", "vicon/*.mat", "xio/*.csv")
-    files = [path for folder in folders for path in sorted(data().glob(folder))]
-    said = [measure_turning(read(path)).wearing for path in files]
+    said = [measure_turning(read(path)).wearing for folder in folders for path in sorted(DATA.glob(folder))]
     assert len(said) > 40
     assert "pocket" not in said
     assert said.count("foot") >= len(said) - 5  # running, and crawling where the foot hardly turns
-    assert not any(measure_turning(read(path)).wearing for path in (data() / "broad").glob("*.mat"))
+    assert not any(measure_turning(read(path)).wearing for path in (DATA / "broad").glob("*.mat"))
+
+
+# axes of a foot
+
+SAME, X, Z = np.eye(3), np.diag([-1.0, 1.0, 1.0]), np.diag([1.0, 1.0, -1.0])
+
+
+@cache
+def demo(worn=None, seed=4):
+    return rows_of(simulate("demo", seed, Choices(worn=worn, rate_hz=100.0 if worn else None)).recording)
+
+
+def change(rows, acc, gyr):
+    """Rows with these axes of either sensor."""
+    return np.column_stack([rows[:, 0], rows[:, 1:4] @ acc.T, rows[:, 4:7] @ gyr.T, rows[:, 7:10]])
+
+
+def turned(acc, gyr, start_s=8.0, stop_s=16.0):
+    """A piece of the foot's walk, with these axes of either sensor."""
+    rows = change(demo(), acc, gyr)
+    rows = rows[(rows[:, 0] >= start_s) & (rows[:, 0] < stop_s)]
+    return Recording(rows[:, 0], rows[:, 1:4], rows[:, 4:7])
+
+
+def measured(recording):
+    return measure_axes(recording.t, recording.acc, recording.gyr)
+
+
+def test_wrong_axes_are_refused_by_name_in_a_piece_of_eight_seconds():
+    for acc, gyr, words in (
+        (SAME, -SAME, "negate gyr"),
+        (X, X, "left-handed"),
+        (SAME, X, "the rate about x has the wrong sign"),
+        (Z, SAME, "negate acc z, or gyr x and y"),
+        (SAME, SAME[[1, 0, 2]], "those called y, x, z"),
+    ):
+        with pytest.raises(RecordingError, match=words):
+            refuse_wrong_axes(turned(acc, gyr))
+
+
+def test_any_right_handed_axes_that_both_sensors_share_are_taken_and_the_odds_are_of_those_taken_for_others():
+    """What one exchange does, the inverse undoes: the best of the odds of all 48 is it. One stride never decides."""
+    for shared in (SAME, SAME[[1, 2, 0]], X @ Z):
+        for start_s in (4.0, 12.0, 20.0):
+            assert measured(turned(shared, shared, start_s, start_s + 6.0)).against < 1.0
+    assert len({one.tobytes() for one in AXES + 0.0}) == 48
+    assert np.array_equal(AXES[0], SAME)
+    for wrong in AXES[[17, 30]]:
+        found = measured(turned(SAME, wrong))
+        assert found.against > DECISIVE
+        assert np.array_equal(found.best, wrong.T)
+    assert measured(turned(SAME, -SAME, 8.0, 9.6)).against < DECISIVE
+    t = np.arange(0.0, 10.0, 0.005)
+    assert measured(Recording(t, np.tile([0.0, 0.0, 9.81], (len(t), 1)), np.zeros((len(t), 3)))).strides == 0
+
+
+# axes of a thigh
+
+
+def walk(seed):
+    return demo("pocket", seed)[:5000]
+
+
+def measure(rows):
+    return measure_swing_axes(rows[:, 0], rows[:, 1:4], rows[:, 4:7])
+
+
+def toy(scale=1.0, bias=(0.0, 0.0, 0.0), swing_rad=0.4, lost=0.0):
+    """Thigh that swings about y, (N, 10), seen by an accelerometer that is off."""
+    t = np.arange(0.0, 20.0, 0.01)
+    phase = 2 * np.pi * t / 1.1
+    angle, rate = swing_rad * np.sin(phase), swing_rad * 2 * np.pi / 1.1 * np.cos(phase)
+    force = 9.80665 * np.column_stack([-np.sin(angle), np.zeros_like(t), np.cos(angle)])
+    rows = np.zeros((len(t), 10))
+    rows[:, 0], rows[:, 1:4], rows[:, 5] = t, scale * force + bias, rate
+    return rows[np.random.default_rng(1).random(len(t)) >= lost]
+
+
+@pytest.mark.parametrize("seed", [104, 105])
+def test_own_axes_are_taken_however_the_sensor_lies_in_the_pocket(seed):
+    turn = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    found = measure(change(walk(seed), turn, turn))
+    assert found.strides >= 15
+    assert found.against < SUSPECT
+    assert abs(np.median(found.gravity) - 9.81) < 0.15
+
+
+@pytest.mark.parametrize("scale", [0.97, 1.0, 1.03])
+def test_an_accelerometer_that_is_off_as_sensors_are_is_no_reason_to_refuse(scale):
+    for bias in 0.3 * np.vstack([np.zeros(3), np.eye(3), -np.eye(3), np.ones(3), -np.ones(3)]):
+        found = measure(toy(scale, bias))
+        assert found.strides >= MIN_THIGH_STRIDES
+        assert found.against < (SUSPECT if scale == 1.0 else DECISIVE)
+
+
+@pytest.mark.parametrize("mirror", [(SAME, -SAME), (X, X), (Z, Z)])
+def test_a_mirror_is_seen_where_the_thigh_swings_far_and_no_axis_is_named(mirror):
+    found = measure(change(toy(swing_rad=0.7), *mirror))
+    assert found.against > DECISIVE
+    assert "gravity turns against the gyroscope" in found.problem
+    assert "negate" not in found.problem
+
+
+def test_few_strides_are_no_evidence_many_are_no_more_than_one_and_a_gap_is_none():
+    rows = change(toy(swing_rad=0.7), SAME, -SAME)
+    few, many = measure(rows[:700]), measure(rows)
+    assert 0 < few.strides < MIN_THIGH_STRIDES
+    assert few.against == 0.0
+    assert judge_axes(NO_SWINGS).weight < 0.0
+    assert (many + many).against == pytest.approx(many.against)
+    still = np.column_stack([0.01 * np.arange(3000), np.tile([0.0, 0.0, 9.81, 0.0, 0.0, 0.0], (3000, 1))])
+    thinned = np.delete(walk(104), slice(None, None, 3), axis=0)
+    thinned[:, 0] += np.cumsum(np.arange(len(thinned)) % 100 == 0)
+    assert measure(still) is measure(thinned) is NO_SWINGS
+    holed = toy()
+    found = measure(holed[(holed[:, 0] < 6.0) | (holed[:, 0] > 8.5)])
+    assert found.strides >= MIN_THIGH_STRIDES
+    assert np.isfinite(found.gravity).all()
+
+
+def test_a_stream_with_a_mirror_is_refused_in_its_first_minute_and_its_own_is_not():
+    looks = AxesCheck(print, mount="pocket")
+    looks.push(walk(104))
+    assert looks.evidence.strides >= 15
+    with pytest.raises(RecordingError, match="gravity turns against"):
+        AxesCheck(print, mount="pocket").push(change(toy(swing_rad=0.7, lost=0.03), SAME, -SAME))

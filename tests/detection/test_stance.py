@@ -1,28 +1,143 @@
-"""From a recording to its stances: one threshold, footfalls, and what is said where nothing is found."""
+"""From a recording to its stances: the statistics and their law, one threshold, footfalls, and what is refused."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+from scipy.stats import binom
 
 from fg_nav.detection import StanceParameters, detect_stances
 from fg_nav.detection import stance as stance_module
-from fg_nav.detection.stance import ACC_NOISE_M_S2, GYR_NOISE_DEG_S, STATISTICS
+from fg_nav.detection.stance import STATISTICS, Stances, threshold_at_rest
 from fg_nav.errors import DetectionError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation.motion import Style
-from fg_nav.lab.simulation.mount import Mount
-from fg_nav.lab.simulation.person import Person
 from fg_nav.recording import Recording
 from tests.simulated import WALKERS, straight_walk
 
+S_A, S_W = stance_module.ACC_NOISE_M_S2, np.radians(stance_module.GYR_NOISE_DEG_S)
+EACH = pytest.mark.parametrize("name", STATISTICS)
 
-def standing(seconds, seed=0):
-    """A sensor at rest, with its nominal noise."""
+
+# the four statistics against their formulas, and the chi-square law they promise
+
+
+def windowed(name, acc, gyr):
+    """The statistic of one window (W, 3) as Skog et al. print it (MV with the divisor W)."""
+    W = len(acc)
+    mean = sum(acc) / W
+    total = 0.0
+    for a, w in zip(acc, gyr, strict=True):
+        if name in ("shoe", "are"):
+            total += w @ w / S_W**2
+        if name == "shoe":
+            off = a - GRAVITY_M_S2 * mean / np.sqrt(mean @ mean)
+            total += off @ off / S_A**2
+        if name == "mv":
+            total += (a - mean) @ (a - mean) / S_A**2
+        if name == "mag":
+            total += (np.sqrt(a @ a) - GRAVITY_M_S2) ** 2 / S_A**2
+    return total / W
+
+
+def noisy(n, seed=0, tilt=(0.3, -0.5, 1.0), acc_sigma=S_A, gyr_sigma=S_W):
+    """Specific force and rate (n, 3): white noise about gravity, in any attitude; of the nominal strength at rest."""
     rng = np.random.default_rng(seed)
+    up = Rotation.from_rotvec(tilt).inv().apply([0.0, 0.0, GRAVITY_M_S2])
+    return up + acc_sigma * rng.standard_normal((n, 3)), gyr_sigma * rng.standard_normal((n, 3))
+
+
+@EACH
+def test_each_window_has_the_value_of_the_formula_in_any_mounting(name):
+    acc, gyr = noisy(60, acc_sigma=5.0, gyr_sigma=3.0)
+    turn = Rotation.from_rotvec([1.0, -2.0, 0.5])
+    for window in (1, 3, 10, 21):
+        ours = STATISTICS[name](acc, gyr, window)
+        padded = [np.pad(x, [(window // 2, window), (0, 0)], mode="edge") for x in (acc, gyr)]
+        theirs = [windowed(name, *(x[i : i + window] for x in padded)) for i in range(len(acc))]
+        for found in (ours, STATISTICS[name](turn.apply(acc), turn.apply(gyr), window)):
+            np.testing.assert_allclose(found, theirs, rtol=1e-9, atol=1e-6)
+
+
+@pytest.mark.parametrize("rate", [0.5, 0.05, 0.002])
+@EACH
+def test_a_threshold_is_a_false_alarm_rate(name, rate):
+    """A fitted direction of gravity costs SHOE two of its 6 W degrees of freedom, a fitted mean MV three of its 3 W."""
+    for window in (5, 10):
+        acc, gyr = noisy(8000 * window, seed=window)
+        apart = STATISTICS[name](acc, gyr, window)[window // 2 :: window]  # windows that share no sample
+        alarms = np.count_nonzero(apart > threshold_at_rest(name, window, rate))
+        low, high = binom.interval(1 - 1e-5, len(apart), rate)
+        assert low <= alarms <= high
+
+
+@pytest.mark.parametrize("scale", [1, 10, 100])
+def test_the_law_of_the_fitted_direction_holds_far_beyond_sensor_noise(scale, monkeypatch):
+    """It is asymptotic in noise over gravity: at a hundred times the noise, a fifth of gravity, still good."""
+    window, windows = 5, 20000
+    monkeypatch.setattr(stance_module, "ACC_NOISE_M_S2", scale * S_A)
+    acc, _ = noisy(windows * window, seed=4, acc_sigma=scale * S_A)
+    total = window * STATISTICS["shoe"](acc, np.zeros_like(acc), window)[window // 2 :: window]
+    freedom = 3 * window - 2
+    assert abs(total.mean() - freedom) < 4.5 * np.sqrt(2 * freedom / windows)
+
+
+@EACH
+def test_a_shock_leaves_no_trace_behind(name):
+    """Sliding sums must not carry the rounding of a large value along."""
+    acc, gyr = noisy(3000)
+    clean = STATISTICS[name](acc, gyr, 10)
+    for shock in (2000.0, 1e9):
+        acc[100] = gyr[100] = shock
+        found = STATISTICS[name](acc, gyr, 10)
+        assert (found >= 0.0).all()
+        assert np.allclose(found[120:], clean[120:], rtol=1e-4, atol=1e-4) or shock > 1e6
+
+
+# intervals: mask and intervals are one another, and the stillest sample of a footfall is its stillest
+
+
+@given(bits=st.lists(st.booleans(), max_size=60), seed=st.integers(0, 9))
+def test_a_mask_comes_back_from_its_intervals_and_the_stillest_sample_lies_in_its_footfall(bits, seed):
+    mask = np.array(bits, dtype=bool)
+    stances = Stances.from_mask(mask, "labels")
+    start, stop = stances.start, stances.stop
+    assert np.all(stop > start)
+    assert np.all(start[1:] > stop[:-1])  # else they would be one
+    assert all(mask[a:b].all() for a, b in zip(start, stop, strict=True))
+    assert (stop - start).sum() == mask.sum()
+    np.testing.assert_array_equal(stances.mask, mask)
+    assert (stances.n_samples, stances.detector, stances.n_footfalls) == (len(mask), "labels", len(stances))
+    rate = np.linalg.norm(np.random.default_rng(seed).standard_normal((len(mask), 3)), axis=1)
+    sample = stances.stillest(rate[:, None] * [1.0, 0.0, 0.0])
+    assert np.all((sample >= start) & (sample < stop))
+    assert rate[sample].tolist() == [rate[a:b].min() for a, b in zip(start, stop, strict=True)]
+    assert [len(one) for one in stances.spans] == [len(stances)] * 2
+
+
+def test_a_footfall_of_several_intervals_has_one_span_and_one_stillest_sample():
+    edges = np.array([0, 10, 20]), np.array([5, 15, 30]), np.array([0, 0, 1])
+    stances = Stances(*edges, n_samples=30, detector="shoe")
+    assert [one.tolist() for one in stances.spans] == [[0, 20], [15, 30]]
+    assert (len(stances), stances.n_footfalls, stances.mask.sum()) == (3, 2, 20)
+    gyr = np.ones((30, 3))
+    gyr[[3, 12, 17, 25]] *= np.array([[0.5], [0.2], [0.01], [0.3]])  # 17 lies in the swing
+    assert stances.stillest(gyr).tolist() == [12, 25]
+    statistic = np.full(30, 0.9)
+    statistic[[4, 29]] = 0.1
+    assert replace(stances, statistic=statistic).stillest(gyr).tolist() == [4, 29]  # which goes first
+
+
+# one threshold, and footfalls
+
+
+def standing(seconds):
+    """A sensor at rest, with its nominal noise."""
     n = round(seconds * 200)
-    acc = np.array([0.0, 0.0, GRAVITY_M_S2]) + ACC_NOISE_M_S2 * rng.standard_normal((n, 3))
-    return Recording(t=np.arange(n) / 200, acc=acc, gyr=np.radians(GYR_NOISE_DEG_S) * rng.standard_normal((n, 3)))
+    return Recording(np.arange(n) / 200, *noisy(n, tilt=(0.0, 0.0, 0.0)))
 
 
 def with_turns(recording, rate_rad_s, at_s, lasting_s=0.15):
@@ -33,36 +148,29 @@ def with_turns(recording, rate_rad_s, at_s, lasting_s=0.15):
     return replace(recording, gyr=gyr)
 
 
-# one threshold
-
-
-@pytest.mark.parametrize("detector", STATISTICS)
-def test_one_threshold_cuts_the_statistic_at_that_level(detector, monkeypatch):
+@EACH
+def test_one_threshold_cuts_the_statistic_at_that_level(name, monkeypatch):
     """And the window is a time."""
     monkeypatch.setattr(stance_module, "MIN_S", 0.0)
     for rate_hz in (200.0, 800.0):
         recording = straight_walk(strides=3, rate_hz=rate_hz).recording
-        statistic = STATISTICS[detector](recording.acc, recording.gyr, round(0.05 * rate_hz))
+        statistic = STATISTICS[name](recording.acc, recording.gyr, round(0.05 * rate_hz))
         threshold = float(np.quantile(statistic, 0.4))
-        stances = detect_stances(recording, StanceParameters(detector, threshold=threshold))
+        stances = detect_stances(recording, StanceParameters(name, threshold=threshold))
         np.testing.assert_array_equal(stances.mask, statistic < threshold)
         np.testing.assert_allclose(stances.statistic, statistic / threshold)
-        assert (stances.detector, stances.threshold, stances.n_samples) == (detector, threshold, len(recording))
+        assert (stances.detector, stances.threshold, stances.n_samples) == (name, threshold, len(recording))
 
 
 def test_stances_shorter_than_the_shortest_are_dropped(monkeypatch):
     monkeypatch.setattr(stance_module, "MIN_S", 0.0)
     recording = with_turns(standing(4.0), 1.0, [0.5, 0.8, 2.0, 2.4])
     found = detect_stances(recording, StanceParameters("are", threshold=100.0))
-    lasting = recording.t[found.stop - 1] - recording.t[found.start]
-    assert np.count_nonzero(lasting < 0.3) == 2
+    long = recording.t[found.stop - 1] - recording.t[found.start] >= 0.3
+    assert np.count_nonzero(~long) == 2
     monkeypatch.setattr(stance_module, "MIN_S", 0.3)
     kept = detect_stances(recording, StanceParameters("are", threshold=100.0))
-    np.testing.assert_array_equal(kept.start, found.start[lasting >= 0.3])
-    np.testing.assert_array_equal(kept.stop, found.stop[lasting >= 0.3])
-
-
-# footfalls
+    np.testing.assert_array_equal([kept.start, kept.stop], [found.start[long], found.stop[long]])
 
 
 def test_a_foot_that_fidgets_on_the_ground_makes_one_footfall_and_a_swing_divides():
@@ -74,7 +182,7 @@ def test_a_foot_that_fidgets_on_the_ground_makes_one_footfall_and_a_swing_divide
 
 
 @WALKERS
-def test_fidgets_and_swings_are_told_apart_in_one_recording(person: Person, mount: Mount):
+def test_fidgets_and_swings_are_told_apart_in_one_recording(person, mount):
     walk = straight_walk(person, strides=4, standing_s=3.0, mount=mount)
     stances = detect_stances(with_turns(walk.recording, 1.5, [0.8, 1.6]))
     assert stances.n_footfalls == 5
@@ -82,31 +190,22 @@ def test_fidgets_and_swings_are_told_apart_in_one_recording(person: Person, moun
     assert detect_stances(walk.recording, StanceParameters(threshold=3e4)).n_footfalls == 5
 
 
-# the statistic over the threshold
-
-
 @WALKERS
 @pytest.mark.parametrize("style", [Style.WALK, Style.RUN], ids=["walk", "run"])
-def test_the_statistic_is_relative_to_the_threshold_of_the_nearest_stance(person: Person, mount: Mount, style: Style):
-    walk = straight_walk(person, style, strides=6, mount=mount)
-    stances = detect_stances(walk.recording)
-    assert stances.statistic is not None
+def test_the_statistic_is_relative_to_the_threshold_of_the_nearest_stance(person, mount, style):
+    stances = detect_stances(straight_walk(person, style, strides=6, mount=mount).recording)
     assert stances.statistic[stances.mask].max() < 1.0
-    before, after = stances.start[1:] - 1, stances.stop[:-1]  # the threshold is where the stance ends
-    assert stances.statistic[before].min() >= 1.0
-    assert stances.statistic[after].min() >= 1.0
+    # the threshold is where the stance ends
+    assert min(*stances.statistic[stances.start[1:] - 1], *stances.statistic[stances.stop[:-1]]) >= 1.0
 
 
 # nothing found, nothing sensible asked
 
 
 def refused(recording, **parameters):
-    with pytest.raises(DetectionError) as error:
+    with pytest.raises(DetectionError, match=r"^[^\n]*[?.]$") as error:
         detect_stances(recording, StanceParameters(**parameters))
-    message = str(error.value)
-    assert "\n" not in message
-    assert message.endswith(("?", "."))
-    return message
+    return str(error.value)
 
 
 def test_what_cannot_be_is_refused():
@@ -130,9 +229,9 @@ def test_what_cannot_be_is_refused():
 
 @WALKERS
 @pytest.mark.parametrize(("style", "pace"), [(Style.WALK, 2.5), (Style.RUN, 1.0)], ids=["brisk", "run"])
-def test_a_swing_alone(person: Person, mount: Mount, style: Style, pace: float):
+def test_a_swing_alone(person, mount, style, pace):
     """Of a slower one the middle may pass for a stance: nothing else is there to compare it with."""
     walk = straight_walk(person, style, strides=4, pace=pace, mount=mount)
-    begin, end = walk.swing[2]
-    a, b = np.searchsorted(walk.recording.t, [begin + 0.15 * (end - begin), end - 0.15 * (end - begin)])
+    inner = walk.swing[2] @ np.array([[0.85, 0.15], [0.15, 0.85]])
+    a, b = np.searchsorted(walk.recording.t, inner)
     assert "no stance was found" in refused(walk.recording.slice(a, b))

@@ -1,4 +1,4 @@
-"""A walk in closed form, and what a perfect sensor on the foot reads.
+"""A walk in closed form, what a perfect sensor on the foot reads, and the 15 errors of a state: without filter code.
 
 The pivot moves in the swings and stands in the stances; the sensor is `height` above it and tilts about it:
 
@@ -12,10 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import Polynomial
+from scipy.spatial.transform import Rotation
 
-from fg_nav.arrays import Floats
 from fg_nav.detection.stance import Stances
-from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.frames import GRAVITY_M_S2, compute_heading, wrap_angle
+from fg_nav.magnetic import average_footfall_field
+from fg_nav.mechanisation import NavState
 from fg_nav.recording import Recording
 
 RISE = Polynomial([0, 0, 0, 0, 35, -84, 70, -20])
@@ -38,91 +40,132 @@ class Walk:
     height: float = 0.0
 
     @property
-    def duration_s(self) -> float:
+    def duration_s(self):
         return self.rest_s + self.strides * (self.stance_s + self.swing_s)
 
-    def phase(self, t: Floats) -> tuple[Floats, Floats, Floats]:
+    def phase(self, t):
         """Swings done, phase of the swing and of the stance that follows it, each held at 0 or 1 outside."""
         cycle = self.stance_s + self.swing_s
         done = np.clip(np.floor((t - self.rest_s) / cycle), 0, self.strides - 1)
         since = t - self.rest_s - done * cycle
-        return (
-            done,
-            np.clip(since / self.swing_s, 0, 1),
-            np.clip((since - self.swing_s) / self.stance_s, 0, 1),
-        )
+        return done, np.clip(since / self.swing_s, 0, 1), np.clip((since - self.swing_s) / self.stance_s, 0, 1)
 
-    def stands(self, t: Floats) -> np.ndarray:
+    def stands(self, t):
         _, swing, _ = self.phase(t)
         return (swing == 0) | (swing == 1)
 
-    def _angle(self, t: Floats, order: int) -> tuple[Floats, Floats]:
+    def _angle(self, t, order):
         """Yaw and pitch, or their derivatives by time."""
         done, swing, stance = self.phase(t)
-        in_swing, in_stance = RISE.deriv(order)(swing), RISE.deriv(order)(stance)
-        if order:
-            in_swing = in_swing / self.swing_s**order
-            in_stance = in_stance / self.stance_s**order
+        in_swing = RISE.deriv(order)(swing) / self.swing_s**order
+        in_stance = RISE.deriv(order)(stance) / self.stance_s**order
+        bump = BUMP.deriv(order)(swing) / self.swing_s**order
         yaw = self.turn * (in_swing + (done if order == 0 else 0))
-        bump = BUMP.deriv(order)(swing) / self.swing_s**order if order else BUMP(swing)
         return yaw, self.pitch * bump + self.roll * (in_swing - in_stance)
 
-    def attitude(self, t: Floats) -> Floats:
-        yaw, pitch = self._angle(t, 0)
-        c, s, cp, sp, o = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch), np.zeros_like(yaw)
-        return np.stack(
-            [
-                np.stack([c * cp, -s, c * sp], -1),
-                np.stack([s * cp, c, s * sp], -1),
-                np.stack([-sp, o, cp], -1),
-            ],
-            -2,
+    def attitude(self, t):
+        return (
+            Rotation.from_euler("ZY", np.stack(self._angle(t, 0), axis=-1).reshape(-1, 2))
+            .as_matrix()
+            .reshape(*np.shape(t), 3, 3)
         )
 
-    def rate(self, t: Floats) -> Floats:
-        yaw_rate, pitch_rate = self._angle(t, 1)
-        _, pitch = self._angle(t, 0)
+    def rate(self, t):
+        (yaw_rate, pitch_rate), (_, pitch) = self._angle(t, 1), self._angle(t, 0)
         return np.stack([-np.sin(pitch) * yaw_rate, pitch_rate, np.cos(pitch) * yaw_rate], -1)
 
-    def pivot(self, t: Floats, order: int = 0) -> Floats:
+    def pivot(self, t, order=0):
         done, swing, _ = self.phase(t)
         course = self.turn * (done + 0.5)  # of the stride under way
-        shape, lift = RISE.deriv(order)(swing), BUMP.deriv(order)(swing)
-        if order:
-            shape, lift = shape / self.swing_s**order, lift / self.swing_s**order
-        path = np.stack(
-            [self.stride_m * shape * np.cos(course), self.stride_m * shape * np.sin(course), 0.1 * lift], -1
-        )
+        shape, lift = (curve.deriv(order)(swing) / self.swing_s**order for curve in (RISE, BUMP))
+        along = self.stride_m * shape
+        path = np.stack([along * np.cos(course), along * np.sin(course), 0.1 * lift], -1)
         if order == 0:
             steps = self.stride_m * np.exp(1j * self.turn * (np.arange(self.strides) + 0.5))
             start = np.concatenate([[0], np.cumsum(steps)])[done.astype(int)]
-            path[..., 0] += start.real
-            path[..., 1] += start.imag
+            path[..., :2] += np.stack([start.real, start.imag], -1)
         return path
 
-    def position(self, t: Floats) -> Floats:
+    def position(self, t):
         return self.pivot(t) + self.height * self.attitude(t)[..., 2]
 
-    def velocity(self, t: Floats) -> Floats:
-        arm = self.height * np.array([0.0, 0.0, 1.0])
-        swing = np.cross(self.rate(t), arm)
+    def velocity(self, t):
+        swing = np.cross(self.rate(t), [0.0, 0.0, self.height])
         return self.pivot(t, 1) + np.einsum("...ij,...j", self.attitude(t), swing)
 
-    def force(self, t: Floats) -> Floats:
-        up = np.array([0.0, 0.0, GRAVITY_M_S2])
-        pulled = np.einsum("...ji,...j", self.attitude(t), self.pivot(t, 2) + up)
-        if self.height == 0.0:
-            return pulled
+    def force(self, t):
         step = 1e-4  # the acceleration of the arm by a central difference of its exact velocity
-        arm = (self.velocity(t + step) - self.pivot(t + step, 1)) - (self.velocity(t - step) - self.pivot(t - step, 1))
-        return pulled + np.einsum("...ji,...j", self.attitude(t), arm / (2 * step))
+        ahead, behind = (self.velocity(t + s) - self.pivot(t + s, 1) for s in (step, -step))
+        pulled = self.pivot(t, 2) + (ahead - behind) / (2 * step) + [0.0, 0.0, GRAVITY_M_S2]
+        return np.einsum("...ji,...j", self.attitude(t), pulled)
 
-    def samples(self, t: Floats, h: float) -> tuple[Floats, Floats]:
+    def samples(self, t, h):
         """Means of specific force and rate (N, 3) over the periods from each stamp on."""
         at = t[:, None] + h * (GAUSS + 1) / 2
         return (self.force(at) * WEIGHT[:, None]).sum(1) / 2, (self.rate(at) * WEIGHT[:, None]).sum(1) / 2
 
-    def recording(self, rate_hz: float = 200.0) -> tuple[Recording, Stances]:
+    def recording(self, rate_hz=200.0):
         t = np.arange(round(self.duration_s * rate_hz)) / rate_hz
         acc, gyr = self.samples(t, 1 / rate_hz)
         return Recording(t=t, acc=acc, gyr=gyr), Stances.from_mask(self.stands(t) & self.stands(t + 1 / rate_hz))
+
+
+# with a magnetometer, in a field that is the Earth's unless given otherwise
+
+STRAIGHT = Walk(strides=60, turn=0.0, pitch=0.3)
+NAV_FIELD = np.array([0.0, 21.0, -43.0])
+SWAY_DEG, SWAY_HZ = 0.01, 1.0  # Rms about each axis of the standing foot: two seconds show the bias to 0.04 deg/s.
+
+
+def walked(walk, turned_deg=None, gyro_bias_deg_s=0.0, from_s=0.0):
+    """Recording, stances, field and the true headings (N,).
+
+    The field points north, turned by `turned_deg` (t) clockwise; the gyro is biased about up from `from_s` on. The foot
+    sways while it stands at the start, whole periods.
+    """
+    inertial, stances = walk.recording(100.0)
+    t, attitude = inertial.t, walk.attitude(inertial.t)
+    turned = np.zeros(len(t)) if turned_deg is None else turned_deg(t)
+    field = Rotation.from_euler("z", -turned[:, None], degrees=True).apply(NAV_FIELD)
+    bias = np.where(t >= from_s, np.radians(gyro_bias_deg_s), 0.0)
+    turn = 2 * np.pi * SWAY_HZ
+    sway = np.where(t < walk.rest_s, -np.radians(SWAY_DEG) * np.sqrt(2.0) * turn * np.sin(turn * t), 0.0)
+    gyr = inertial.gyr + attitude[:, 2] * bias[:, None] + sway[:, None]
+    recording = Recording(t, inertial.acc, gyr, np.einsum("nji,nj->ni", attitude, field))
+    headings = compute_heading(attitude)
+    return recording, stances, average_footfall_field(recording, stances, float(headings[0])), headings
+
+
+def off_deg(solution, headings):
+    """Heading errors (N,) in degrees."""
+    return np.degrees(wrap_angle(compute_heading(solution.nav_R_body) - headings))
+
+
+# the 15 errors, estimate minus truth, put on a state and read off again
+
+
+def with_error(truth, error):
+    turned = Rotation.from_rotvec(error[6:9]).as_matrix() @ truth.nav_R_body
+    p, v, _, bg, ba = truth
+    return NavState(p + error[:3], v + error[3:6], turned, bg + error[9:12], ba + error[12:])
+
+
+def error_of(estimate, truth):
+    turn = Rotation.from_matrix(estimate.nav_R_body @ truth.nav_R_body.T).as_rotvec()
+    p, v, bg, ba = (estimate[k] - truth[k] for k in (0, 1, 3, 4))
+    return np.concatenate([p, v, turn, bg, ba])
+
+
+def random_state(seed, nav_R_body=None, gyro_bias=None):
+    """A state with any errors, but for the attitude and the bias that are given."""
+    rng = np.random.default_rng(seed)
+    R = Rotation.random(rng=rng).as_matrix()
+    state = NavState(*rng.standard_normal((2, 3)), R, *(0.01 * rng.standard_normal((2, 3))))
+    for own, given in ((state.nav_R_body, nav_R_body), (state.gyro_bias, gyro_bias)):
+        own[:] = own if given is None else given
+    return state
+
+
+def random_covariance(seed, size=15):
+    root = np.random.default_rng(seed).standard_normal((size, size))
+    return root @ root.T

@@ -18,36 +18,35 @@ from fg_nav.frames import compute_heading
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.walk import Options
 from fg_nav.walk import Walk as PreparedWalk
-from tests.ekf.errors import random_covariance
-from tests.ekf.motion import Walk
+from tests.ekf.motion import Walk, random_covariance
 
 WALK = Walk(strides=4, rest_s=0.6, roll=0.3, height=0.06)
 START_SIGMA = np.radians(5.0)
 
 
-def noisy(walk, rate_hz, rng, gap=None):
-    """Recording with noise, a biased gyroscope and, an eighth of a second missing; its stances."""
-    recording, stances = walk.recording(rate_hz)
+def noisy(seed, rate_hz=100.0, gap=None, since_s=0.0):
+    """Recording with noise, a biased gyroscope, an eighth of a second missing; stances, and what footfalls measure."""
+    rng = np.random.default_rng(seed)
+    recording, stances = WALK.recording(rate_hz)
     acc = recording.acc + 0.05 * rng.standard_normal(recording.acc.shape)
     gyr = recording.gyr + np.radians(0.3) * rng.standard_normal(recording.gyr.shape) + np.radians([0.1, -0.1, 0.15])
-    noisy = replace(recording, acc=acc, gyr=gyr)
-    if gap is None:
-        return noisy, stances
-    kept = np.r_[0:gap, gap + round(rate_hz / 8) : len(recording)]
-    return replace(noisy, t=noisy.t[kept], acc=acc[kept], gyr=gyr[kept]), type(stances).from_mask(stances.mask[kept])
+    kept = np.arange(round(since_s * rate_hz), len(acc))
+    if gap is not None:
+        kept = np.r_[0:gap, gap + round(rate_hz / 8) : len(acc)]
+    recording = replace(recording, t=recording.t[kept], acc=acc[kept], gyr=gyr[kept])
+    stances = type(stances).from_mask(stances.mask[kept])
+    return recording, stances, measure_footfalls(recording, stances.stillest(recording.gyr), rng)
 
 
-def measure_footfalls(recording, rows, walk, rng):
+def measure_footfalls(recording, rows, rng):
     """Compass, up and a steady course, as a sensor on this walk would measure them, with noise."""
-    attitude, k = walk.attitude(recording.t[rows]), len(rows)
-    nav_field = np.array([0.0, 20.0, -45.0])
-    vectors = [np.einsum("kji,j->ki", attitude, v) for v in (nav_field, np.array([0.0, 0.0, 9.8]))]
+    attitude, k = WALK.attitude(recording.t[rows]), len(rows)
+    vectors = [np.einsum("kji,j->ki", attitude, v) for v in ([0.0, 20.0, -45.0], [0.0, 0.0, 9.8])]
     field, force = (v + 0.02 * np.linalg.norm(v[0]) * rng.standard_normal(v.shape) for v in vectors)
-    compass = np.where(np.arange(k) % 2 == 0, np.radians(3.0) ** 2, np.nan)
     return make_pseudo_measurements(k)._replace(
         body_field=field,
         body_force=force,
-        compass_variance=compass,
+        compass_variance=np.where(np.arange(k) % 2 == 0, np.radians(3.0) ** 2, np.nan),
         tilt_variance=np.full(k, np.radians(1.0) ** 2),
         course_variance=np.full(k, np.radians(4.0) ** 2),
         course_limit=1.0,
@@ -55,10 +54,10 @@ def measure_footfalls(recording, rows, walk, rng):
     )
 
 
-def both(recording, stances, pseudo=None, parameters=IezParameters(), wrong_heading=0.0, walk=WALK):
+def both(recording, stances, pseudo, wrong_heading, parameters=IezParameters()):
     """Track of the filter and of the smoother over it, and the footfalls' samples."""
     rows = stances.stillest(recording.gyr)
-    start = find_start(recording, stances, float(compute_heading(walk.attitude(np.zeros(1))[0])) + wrong_heading)
+    start = find_start(recording, stances, float(compute_heading(WALK.attitude(np.zeros(1))[0])) + wrong_heading)
     runs = [
         filter_walk(recording, stances.mask, rows, start, replace(parameters, smoothed=s), pseudo, START_SIGMA)
         for s in (False, True)
@@ -73,20 +72,16 @@ def dense_step(turn, push, h):
 
 
 def test_the_adjoint_of_a_step_is_its_transpose_and_its_inverse_undoes_it():
-    rng = np.random.default_rng(1)
-    for _ in range(20):
-        turn, push, h = 0.02 * rng.standard_normal((3, 3)), 0.3 * rng.standard_normal(3), 0.01
-        F = dense_step(turn, push, h)
-        X = rng.standard_normal((SIZE, 4))
-        carried = X.copy()
+    rng, h = np.random.default_rng(1), 0.01
+    for seed in range(20):
+        turn, push, X = 0.02 * rng.standard_normal((3, 3)), 0.3 * rng.standard_normal(3), rng.standard_normal((SIZE, 4))
+        F, information = dense_step(turn, push, h), random_covariance(seed)
+        carried, moved, e = X.copy(), information.copy(), F @ X[:, 0]
         propagate_adjoint(carried, 0, 4, turn, push, h)
         np.testing.assert_allclose(carried, F.T @ X, atol=1e-14)
-        information = random_covariance(rng)
-        moved = information.copy()
         propagate_information(moved, turn, push, h)
         np.testing.assert_allclose(moved, F.T @ information @ F, atol=1e-12)
         assert np.array_equal(moved, moved.T)
-        e = F @ X[:, 0]
         undo_step(e, turn, push, h)
         np.testing.assert_allclose(e, X[:, 0], atol=1e-14)
 
@@ -152,11 +147,8 @@ def difference(filtered, smoothed):
 
 @pytest.mark.parametrize("gap", [None, 110])
 def test_a_dense_smoother_that_inverts_agrees(monkeypatch, gap):
-    rng = np.random.default_rng(5)
-    recording, stances = noisy(WALK, 50.0, rng, gap)
     p = replace(IezParameters(), acc_density=0.05, gyr_density_deg=0.1)
-    pseudo = measure_footfalls(recording, stances.stillest(recording.gyr), WALK, rng)
-    given = (recording, stances, pseudo, p, np.radians(6.0))
+    given = (*noisy(5, 50.0, gap), np.radians(6.0), p)
     filtered, smoothed, rows, start = both(*given)
     _, P = make_initial_state(start, p, START_SIGMA)
     error, covariance = dense_smoother(P, *tape_of(monkeypatch, *given))
@@ -169,10 +161,7 @@ def test_a_dense_smoother_that_inverts_agrees(monkeypatch, gap):
 
 
 def test_the_walk_ends_where_the_filter_ends_and_nowhere_is_it_less_sure():
-    rng = np.random.default_rng(6)
-    recording, stances = noisy(WALK, 100.0, rng)
-    pseudo = measure_footfalls(recording, stances.stillest(recording.gyr), WALK, rng)
-    filtered, smoothed, rows, _ = both(recording, stances, pseudo, wrong_heading=np.radians(4.0))
+    filtered, smoothed, rows, _ = both(*noisy(6), np.radians(4.0))
     for end in (-1, rows[-1]):  # nothing was measured after the last stance but standing still
         np.testing.assert_allclose(smoothed.position[end], filtered.position[end], atol=2e-3)
     assert np.array_equal(smoothed.position[-1], filtered.position[-1])
@@ -185,12 +174,7 @@ def test_the_walk_ends_where_the_filter_ends_and_nowhere_is_it_less_sure():
 
 
 def test_what_comes_before_the_first_stance_hangs_on_the_smoothed_start():
-    rng = np.random.default_rng(8)
-    recording, stances = noisy(WALK, 100.0, rng)
-    cut = int((WALK.rest_s + 0.3) * 100)
-    part, stood = recording.slice(cut, len(recording)), stances.from_mask(stances.mask[cut:])
-    pseudo = measure_footfalls(part, stood.stillest(part.gyr), WALK, rng)
-    _, smoothed, _, start = both(part, stood, pseudo, wrong_heading=np.radians(8.0))
+    _, smoothed, _, start = both(*noisy(8, since_s=WALK.rest_s + 0.3), np.radians(8.0))
     assert start.row > 10
     about = slice(start.row - 10, start.row + 1)
     moved = np.diff(smoothed.position[about], axis=0) / 0.01
@@ -199,7 +183,7 @@ def test_what_comes_before_the_first_stance_hangs_on_the_smoothed_start():
 
 
 def test_the_solution_of_a_smoother_bears_its_name_and_says_so_in_its_parameters():
-    recording, stances = noisy(WALK, 100.0, np.random.default_rng(10))
+    recording, stances, _ = noisy(10)
     given = PreparedWalk(recording, stances, options=Options(preset="physical"))
     found = {name: estimate(given, name) for name in ("iez", "iez-rts")}
     assert found["iez-rts"].method == "iez-rts"

@@ -17,7 +17,7 @@ PATH = winding_path(RNG)
 T = np.linspace(0.0, 20.0, len(PATH))
 
 
-def test_figures_of_known_errors():
+def test_figures_of_known_errors_and_a_default_alignment_that_ignores_start_and_heading():
     error = 0.1 * RNG.standard_normal(PATH.shape)
     error[-1] = [0.3, 0.4, 1.2]
     metrics = evaluate(solution(T, PATH + error), TrajectoryTruth(T, PATH), "none")
@@ -26,34 +26,28 @@ def test_figures_of_known_errors():
     assert metrics.end_error_m == pytest.approx(1.3)
     assert metrics.max_error_m == pytest.approx(1.3)
     assert metrics.points == len(T)
-
-
-def test_default_alignment_ignores_start_and_heading():
-    moved = PATH @ yaw_rotation(1.3).T + [4.0, -2.0, 1.0]
-    metrics = evaluate(solution(T, moved), TrajectoryTruth(T, PATH))
+    moved = solution(T, PATH @ yaw_rotation(1.3).T + [4.0, -2.0, 1.0])
+    metrics = evaluate(moved, TrajectoryTruth(T, PATH))
     assert metrics.alignment == "yaw"
     assert metrics.max_error_m < 1e-9
-    assert evaluate(solution(T, moved), TrajectoryTruth(T, PATH), "none").rmse_2d_m > 1.0
+    assert evaluate(moved, TrajectoryTruth(T, PATH), "none").rmse_2d_m > 1.0
 
 
 def test_truth_at_other_stamps_is_interpolated_only_where_it_was_seen():
     speed = np.array([1.0, 0.5, 0.1])
     truth_t = np.concatenate([np.arange(5.0, 8.0, 0.013), np.arange(9.0, 12.0, 0.013)])
-    truth = TrajectoryTruth(truth_t, truth_t[:, None] * speed)
-    estimate = T[:, None] * speed
-    estimate[(T < 5.0) | (T > 12.0) | ((T > 8.01) & (T < 8.99))] += 100.0
-    metrics = evaluate(solution(T, estimate), truth, "none")
-    assert metrics.max_error_m < 1e-9
-    assert metrics.points == np.count_nonzero(np.abs(estimate - T[:, None] * speed).max(axis=1) < 1.0)
-    assert "the truth covers" in metrics.notes[0]
+    unseen = (T < 5.0) | (T > 12.0) | ((T > 8.01) & (T < 8.99))
+    estimate = T[:, None] * speed + 100.0 * unseen[:, None]
     holed = PATH.copy()
     holed[50:120] = np.nan
-    metrics = evaluate(solution(T, PATH), TrajectoryTruth(T, holed))
-    assert metrics.points == len(T) - 70
-    assert metrics.max_error_m < 1e-9
-
-
-def test_no_common_time_is_an_error_that_names_both_spans():
+    for path, truth, points in (
+        (estimate, TrajectoryTruth(truth_t, truth_t[:, None] * speed), np.count_nonzero(~unseen)),
+        (PATH, TrajectoryTruth(T, holed), len(T) - 70),
+    ):
+        metrics = evaluate(solution(T, path), truth, "none")
+        assert metrics.max_error_m < 1e-9
+        assert metrics.points == points
+        assert len(truth.t) == len(T) or "the truth covers" in metrics.notes[0]
     with pytest.raises(EvaluationError, match=r"100\.000 to 120\.000 s.*0\.000 to 20\.000 s.*clocks"):
         evaluate(solution(T, PATH), TrajectoryTruth(T + 100.0, PATH))
 
@@ -70,10 +64,9 @@ def test_heading_error_is_about_up_whatever_the_mounting():
 
 def test_distance_and_closure_go_from_stance_to_stance():
     corners = np.array([[0.0, 0, 0], [3.0, 0, 0], [3.0, 4.0, 0], [0.0, 4.0, 0], [0.0, 0.0, 1.0]])
-    rows = np.array([0, 10, 20, 30, 40])
     path = np.vstack([np.linspace(a, b, 10, endpoint=False) for a, b in pairwise(corners)])
     path = np.vstack([path, corners[-1:], [[9.0, 9.0, 9.0]]])
-    metrics = evaluate(solution(np.arange(len(path), dtype=float), path, rows))
+    metrics = evaluate(solution(np.arange(len(path), dtype=float), path, np.arange(0, 41, 10)))
     assert metrics.distance_m == pytest.approx(3 + 4 + 3 + np.sqrt(17))
     assert metrics.closure_m == pytest.approx(1.0)
     assert metrics.closure_percent == pytest.approx(100 / metrics.distance_m)
@@ -81,18 +74,19 @@ def test_distance_and_closure_go_from_stance_to_stance():
 
 
 def test_only_what_is_known_goes_to_json():
-    assert set(evaluate(solution(T, PATH)).as_dict()) == {
-        "distance_m", "closure_m", "closure_percent", "strides_detected", "notes",
-    }  # fmt: skip
+    own = {"distance_m", "closure_m", "closure_percent", "strides_detected", "notes"}
+    assert set(evaluate(solution(T, PATH)).as_dict()) == own
     text = json.dumps(evaluate(solution(T, PATH), TrajectoryTruth(T, PATH)).as_dict(), allow_nan=False)
     assert {"rmse_2d_m", "rmse_3d_m", "end_error_m", "max_error_m", "scale", "alignment"} <= set(json.loads(text))
-    one_stance = solution(T, PATH, np.array([0]))
-    assert "closure_percent" not in evaluate(one_stance).as_dict()
+    assert "closure_percent" not in evaluate(solution(T, PATH, np.array([0]))).as_dict()
     with pytest.raises(EvaluationError, match="no stance"):
         evaluate(solution(T, PATH, np.array([], dtype=int)))
 
 
+# footprints: thirty, 1.35 m apart
+
 STEPS = winding_path(RNG, 30)[:, :2] * 4.5
+ALL = FootprintTruth(np.arange(30), STEPS, 29)
 
 
 def walk_with_stances(xy):
@@ -101,7 +95,7 @@ def walk_with_stances(xy):
 
 
 def test_footprints_are_fitted_by_rotation_and_shift_in_the_plane():
-    metrics = evaluate(walk_with_stances(STEPS), FootprintTruth(np.arange(30), STEPS, 29))
+    metrics = evaluate(walk_with_stances(STEPS), ALL)
     assert metrics.rmse_2d_m < 1e-9
     assert metrics.rmse_3d_m is None
     assert (metrics.strides_detected, metrics.strides_true) == (29, 29)
@@ -114,7 +108,7 @@ def test_footprints_are_fitted_by_rotation_and_shift_in_the_plane():
 
 @pytest.mark.parametrize("missed", [0, 13, 29])
 def test_a_missed_stance_costs_its_footprint_and_a_note(missed):
-    metrics = evaluate(walk_with_stances(np.delete(STEPS, missed, 0)), FootprintTruth(np.arange(30), STEPS, 29))
+    metrics = evaluate(walk_with_stances(np.delete(STEPS, missed, 0)), ALL)
     assert metrics.rmse_2d_m < 1e-9
     assert (metrics.points, metrics.footprints_surveyed) == (29, 30)
     assert (metrics.strides_detected, metrics.strides_true) == (28, 29)
@@ -123,18 +117,13 @@ def test_a_missed_stance_costs_its_footprint_and_a_note(missed):
 
 
 @pytest.mark.parametrize("extra", [[0], [29], [12, 20]])
-def test_extra_stances_are_skipped_and_said(extra):
-    walked = np.insert(STEPS, extra, STEPS[extra] + 0.02, axis=0)
-    metrics = evaluate(walk_with_stances(walked), FootprintTruth(np.arange(30), STEPS, 29))
+def test_extra_stances_are_skipped_and_said_but_a_miscount_that_cancels_is_not_forgiven(extra):
+    metrics = evaluate(walk_with_stances(np.insert(STEPS, extra, STEPS[extra] + 0.02, axis=0)), ALL)
     assert metrics.rmse_2d_m < 0.02
     assert metrics.points == 30
     assert any("more than the walk has" in note for note in metrics.notes)
-
-
-def test_a_miscount_that_cancels_is_not_forgiven():
     walked = np.insert(np.delete(STEPS, 8, 0), 20, STEPS[21], axis=0)
-    metrics = evaluate(walk_with_stances(walked), FootprintTruth(np.arange(30), STEPS, 29))
-    assert metrics.rmse_2d_m > 0.5
+    assert evaluate(walk_with_stances(walked), ALL).rmse_2d_m > 0.5
 
 
 def test_footprints_that_cannot_be_compared_are_errors_in_words():
@@ -145,30 +134,19 @@ def test_footprints_that_cannot_be_compared_are_errors_in_words():
         evaluate(walk_with_stances(STEPS), truth, "se3")
 
 
-def timed_steps(strides=29):
-    """A walk with its whole path, and footprints on it in the middle of each stance, a turn and a shift away."""
-    t = np.linspace(0.0, 30.0, 3001)
-    path = np.column_stack([np.interp(t, np.arange(strides + 1) + 0.3, column) for column in STEPS.T])
-    when = np.arange(strides + 1) + 0.3
-    surveyed = np.column_stack([STEPS[:, :2], np.zeros(strides + 1)]) @ yaw_rotation(0.7).T + [5.0, -3.0, 0.0]
-    truth = FootprintTruth(np.arange(strides + 1), surveyed[:, :2], strides, when)
-    return solution(t, np.column_stack([path[:, :2], np.zeros(len(t))]), np.array([0, 400, 900])), truth
-
-
 def test_footprints_with_times_are_compared_there_whatever_stances_were_found():
-    found, truth = timed_steps()
+    """A walk with its whole path, and footprints on it in the middle of each stance, a turn and a shift away."""
+    t, when = np.linspace(0.0, 30.0, 3001), np.arange(30) + 0.3
+    path = np.column_stack([*(np.interp(t, when, column) for column in STEPS.T), np.zeros(len(t))])
+    found = solution(t, path, np.array([0, 400, 900]))
+    truth = replace(ALL, xy=STEPS @ yaw_rotation(0.7)[:2, :2].T + [5.0, -3.0], t=when)
     metrics = evaluate(found, truth)
     assert metrics.max_error_m < 0.02  # between two samples
     assert (metrics.points, metrics.strides_detected, metrics.strides_true) == (30, 2, 29)
     assert metrics.rmse_3d_m is None
-    late = evaluate(found, replace(truth, t=truth.t + 0.5))
-    assert late.max_error_m > 0.3
-
-
-def test_footprints_beyond_the_time_of_the_solution_are_named():
-    found, truth = timed_steps()
+    assert evaluate(found, replace(truth, t=truth.t + 0.5)).max_error_m > 0.3
+    # beyond the time of the solution they are named
     metrics = evaluate(found, replace(truth, t=truth.t + 1.0))
-    assert metrics.points == 29
-    assert metrics.notes == ("no sample at footprint 29: not scored",)
+    assert (metrics.points, metrics.notes) == (29, ("no sample at footprint 29: not scored",))
     with pytest.raises(EvaluationError, match=r"only 0 of 30 surveyed footprints are within the time.*clocks"):
         evaluate(found, replace(truth, t=truth.t + 100.0))

@@ -6,27 +6,18 @@ import numpy as np
 import pytest
 
 from fg_nav.frames import yaw_rotation
-from fg_nav.pocket.track import COMPASS_SIGMA_DEG, PocketTrack, measure_turn, smooth_angles
-from tests.pocket.leg import MUNICH, walking
-
-NORTH = np.array([0.0, MUNICH[1], MUNICH[2]])
+from fg_nav.pocket.track import COMPASS_SIGMA_DEG, measure_turn, smooth_angles
+from tests.pocket.leg import MUNICH, moved_field, track_of, walking
 
 
-def turned_track(drift_deg_s=0.0, start_deg=40.0, deviation=0.0, seconds=240.0, seed=0):
-    """Recording and track of a leg, the track turned clockwise by an angle that grows; places have their own field."""
-    leg = walking(seconds, rate_hz=50.0)
-    n = len(leg.attitude) - 1
-    rng = np.random.default_rng(seed)
-    local = NORTH + deviation * np.repeat(rng.standard_normal((int(seconds / 10) + 1, 3)), 500, axis=0)[:n]
-    mag = np.einsum("nji,nj->ni", leg.attitude[:-1], local)
-    recording = replace(leg.recording(field=NORTH), mag=mag)
-    clockwise = np.radians(start_deg + drift_deg_s * recording.t)
-    nothing = np.full(n, np.nan)
-    R = yaw_rotation(-clockwise) @ leg.attitude[:-1]
-    track = PocketTrack(
-        recording.t, R, np.zeros((n, 3)), np.zeros((n, 6)), np.zeros(1, int), np.zeros((1, 6, 6)), nothing, nothing
-    )
-    return recording, track, leg.attitude[:-1]
+def turned_track(drift_deg_s=0.0, deviation=0.0, seed=0):
+    """Recording and true attitudes of a leg, its track turned clockwise by 40 deg and more; places have own fields."""
+    leg = walking(240.0, rate_hz=50.0)
+    R, rng = leg.attitude[:-1], np.random.default_rng(seed)
+    local = deviation * np.repeat(rng.standard_normal((25, 3)), 500, axis=0)[: len(R)]
+    recording = moved_field(leg.recording(field=MUNICH), leg, local)
+    clockwise = np.radians(40.0 + drift_deg_s * recording.t)
+    return recording, track_of(recording.t, yaw_rotation(-clockwise) @ R), R
 
 
 def errors_deg(track, attitude):
@@ -39,11 +30,10 @@ def errors_deg(track, attitude):
 def test_a_turned_track_comes_back_to_north(drift_deg_s):
     recording, track, attitude = turned_track(drift_deg_s)
     turn = measure_turn(recording, track)
-    assert turn is not None
-    off = errors_deg(turn.apply(track), attitude)
-    inside = slice(500, -500)  # at the ends a drift is half a block off
-    assert np.abs(off[inside]).max() < 1.5
-    assert turn.sigma_at_start >= np.radians(COMPASS_SIGMA_DEG)
+    found = turn.apply(track)
+    assert np.abs(errors_deg(found, attitude)[500:-500]).max() < 1.5  # at the ends a drift is half a block off
+    assert min(turn.sigma_at_start, *found.sigma[:, 2]) >= np.radians(COMPASS_SIGMA_DEG)
+    np.testing.assert_allclose(found.sigma[0, 2], turn.sigma_at_start)
 
 
 def test_iron_at_single_places_bends_a_good_track_little():
@@ -51,7 +41,6 @@ def test_iron_at_single_places_bends_a_good_track_little():
     for seed in range(5):
         recording, track, attitude = turned_track(deviation=6.0, seed=seed)
         turn = measure_turn(recording, track)
-        assert turn is not None
         off = errors_deg(turn.apply(track), attitude)
         assert abs(off.mean()) < 3.0 * np.degrees(turn.sigma).mean() + 1.0
         bent.append(np.abs(off - off.mean()).max())
@@ -59,19 +48,13 @@ def test_iron_at_single_places_bends_a_good_track_little():
     assert np.max(bent) < 12.0
 
 
-def test_turned_about_up_it_is_the_same_track():
+def test_turned_about_up_it_is_the_same_track_and_without_a_level_field_there_is_none():
     recording, track, _ = turned_track(0.02, deviation=3.0)
-    one, other = measure_turn(recording, track), measure_turn(recording, track.rotate(2.0))
-    assert one is not None
-    assert other is not None
-    np.testing.assert_allclose(one.apply(track).nav_R_body, other.apply(track.rotate(2.0)).nav_R_body, atol=1e-6)
-
-
-def test_without_a_level_field_there_is_none():
-    recording, track, _ = turned_track()
-    assert measure_turn(replace(recording, mag=None), track) is None
-    level = np.nan * recording.mag
-    assert measure_turn(replace(recording, mag=level), track) is None
+    turned = track.rotate(2.0)
+    one, other = measure_turn(recording, track), measure_turn(recording, turned)
+    np.testing.assert_allclose(one.apply(track).nav_R_body, other.apply(turned).nav_R_body, atol=1e-6)
+    for mag in (None, np.nan * recording.mag):
+        assert measure_turn(replace(recording, mag=mag), track) is None
 
 
 def test_the_sigmas_of_a_walk_are_those_of_its_errors():
