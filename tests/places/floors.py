@@ -6,7 +6,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.frames import yaw_rotation
-from fg_nav.places import Signature, trace_signature
+from fg_nav.places import SavedPlaces, Signature, trace_signature
 
 EARTH = np.array([1.0, 21.0, -43.0])
 SPEED_M_S = 1.25
@@ -53,6 +53,11 @@ def carry(floor: Floor, place: Floats, drift_deg_m: float = 0.0, noise_uT: float
     position = np.vstack([np.zeros(3), np.cumsum(np.einsum("nij,nj->ni", R[1:], steps), axis=0)])
     mag = floor.at(place) + rng.normal(0.0, noise_uT, place.shape)
     return trace_signature(walked / SPEED_M_S, position, R, mag)
+
+
+def save(path: Signature, sigma_m: float = 0.1) -> SavedPlaces:
+    """Places of a walk, all of one sigma."""
+    return SavedPlaces(path, np.full((len(path), 3), sigma_m))
 
 
 LOOP = np.array([(0, 0), (30, 0), (30, 18), (0, 18), (0, 0)])  # 96 m.
