@@ -20,7 +20,7 @@ from fg_nav.places.recognition import (
     weigh_shifts,
 )
 from fg_nav.places.signature import Features, whiten
-from tests.places.floors import EARTH, LOOP, OPEN, Floor, along, carry
+from tests.places.floors import EARTH, LOOP, OPEN, Floor, along, carry, retrace
 
 ASIDE = np.array([0.0, 0.25, 0.0])
 SURE = Drift(position_share=0.01)
@@ -175,15 +175,6 @@ def test_the_negated_field_shows_what_chance_does():
     pairs = pair_all(len(one), len(other))
     by_chance = [len(align(one, other, pairs)), len(align(one, other.negate(), pairs))]
     assert 0.3 < (by_chance[0] + 5) / (by_chance[1] + 5) < 3.0
-
-
-def retrace(opposite, drift_deg_m=0.0):
-    """Twice the same 96 m: the walk, and the stretch that is true of it."""
-    there = along(LOOP)
-    walk = carry(Floor.draw(1), np.vstack([there, there[::-1] if opposite else there]), drift_deg_m)
-    later = np.arange(202.0, len(walk) - 10.0)
-    earlier = 2.0 * 95.95 / 0.5 - 1.0 - later if opposite else later - 96.0 / 0.5
-    return walk, Stretch(later, earlier, opposite, 100.0, 1e-5)
 
 
 def cut(stretch, first, points, shift_m=0.0, expected=1e-5):

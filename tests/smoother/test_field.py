@@ -2,29 +2,42 @@
 
 import math
 import re
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
+import gtsam
 import numpy as np
 import pytest
+from gtsam.symbol_shorthand import V, X
+from scipy.signal import lfilter
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.detection import RestParameters, detect_stances
 from fg_nav.errors import EstimationError
-from fg_nav.frames import compute_heading, wrap_angle
-from fg_nav.lab.simulation import simulate
+from fg_nav.estimators import choose_parameters
+from fg_nav.frames import compute_heading, wrap_angle, yaw_rotation
+from fg_nav.lab.simulation import scenario, simulate
 from fg_nav.lab.simulation.fields import magnet
 from fg_nav.lab.simulation.fields.sources import Dipoles
+from fg_nav.lab.simulation.path import straight
+from fg_nav.lab.simulation.plan import Stand
+from fg_nav.lab.simulation.plan import Walk as Walking
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.magnetic.detectors import DISTURBED, NO_FIELD, QUASI_STATIC, UNKNOWN, find_gate
+from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import Recording
-from fg_nav.smoother import SmootherParameters, smooth
-from fg_nav.smoother.field import MIN_SEEN
+from fg_nav.smoother import SmoothedWalk, SmootherParameters, smooth, smooth_graph
+from fg_nav.smoother.field import MAX_WINDOW, MIN_SEEN, measure_drift, remove_drift
+from fg_nav.smoother.graph import KINDS, WalkProblem, count_graph, turn_walk
 from fg_nav.smoother.parameters import FieldParameters
+from fg_nav.smoother.problem import walk_problem
+from fg_nav.smoother.solver import list_poses
 from fg_nav.solution import Solution
 from fg_nav.truth import TrajectoryTruth
-from tests.smoother.walks import DEFAULT, demo
+from fg_nav.walk import Options, Walk
+from tests.smoother.walks import DEFAULT, demo, part
 
 STRENGTH, UP = 20.0, -43.0
 NOT_RESTED = replace(
@@ -321,3 +334,122 @@ def test_north_on_a_rough_floor_is_found_within_its_sigma(seed: int) -> None:
     off = wrap_angle(compute_heading(found.nav_R_body) - compute_heading(truth.nav_R_body[found.sample]))
     assert np.abs(off).max() < 3.0 * found.heading_sigma.min()
     assert np.degrees(found.heading_sigma.max()) < 8.0
+
+
+RNG = np.random.default_rng(3)
+
+
+@cache
+def short_problem() -> WalkProblem:
+    walk = part(demo(), 24)
+    return walk_problem(walk.recording, walk.stances, 0.0, DEFAULT)
+
+
+STRIDE_S = 1.1
+
+
+def field_of(drift: Floats, noise_uT: float = 8.0, alike_uT: float = 0.0, rng: np.random.Generator = RNG) -> Floats:
+    """The field at footfalls of a building with iron, as a heading that drifted by so much has it; some without."""
+    keep = np.exp(-1.3 / 3.0)
+    new = alike_uT * np.sqrt(1.0 - keep**2) * rng.standard_normal((len(drift), 3))
+    field = np.array([0.0, 21.0, -43.0]) + noise_uT * rng.standard_normal((len(drift), 3))
+    field += lfilter([1.0], [1.0, -keep], new, axis=0)
+    field[rng.random(len(drift)) < 0.1] = np.nan
+    return np.einsum("kij,kj->ki", yaw_rotation(drift), field)
+
+
+def times(count: int) -> Floats:
+    return STRIDE_S * np.arange(count) + 5.0
+
+
+@pytest.mark.parametrize("most", [0.0, 1.0, -4.0])
+def test_the_drift_of_hours_is_measured(most: float) -> None:
+    drift = most * np.sin(np.linspace(0.0, 1.5, 8 * MAX_WINDOW))
+    found = measure_drift(field_of(drift), times(len(drift)))
+    # The first window has the drift of its middle.
+    half = MAX_WINDOW // 2
+    np.testing.assert_allclose((found - found[half])[half:-half], (drift - drift[half])[half:-half], atol=0.08)
+
+
+@pytest.mark.parametrize("rate_deg_s", [1.0, -1.0, 0.3])
+def test_a_constant_bias_is_measured_over_a_rough_floor(rate_deg_s: float) -> None:
+    """At 1 deg/s 240 footfalls are more than half a turn, of which none is lost."""
+    drift = np.radians(rate_deg_s) * (times(240) - 5.0)
+    fields = [field_of(drift, 5.0, 4.0, np.random.default_rng(seed)) for seed in range(20)]
+    off = np.array([measure_drift(field, times(240)) - drift for field in fields])
+    assert np.sqrt(np.mean(off**2)) < 0.3
+    assert np.abs(off).max() < 1.0
+
+
+def test_a_walk_that_was_bent_is_bent_back_and_one_that_was_not_is_left_as_it_is(monkeypatch) -> None:
+    for bound in ("MIN_WINDOW", "MAX_WINDOW"):
+        monkeypatch.setattr(f"fg_nav.smoother.field.{bound}", 4)
+    problem = short_problem()
+    nodes, count = problem.nodes, len(problem.nodes)
+    footfalls = len(nodes.result)
+    drift = np.interp(np.arange(footfalls), [2, footfalls - 2], [0.0, 1.2])
+    field = field_of(drift, 0.0)
+    field[np.isnan(field)] = 0.0
+    bent = gtsam.Values(problem.values)
+    turn_walk(bent, nodes, np.interp(np.arange(count), nodes.result, drift))
+    t = times(footfalls)
+    straight, moved, found = (
+        list_poses(range(count), values) for values in (problem.values, bent, remove_drift(bent, nodes, field, t))
+    )
+    off, left = (np.linalg.norm(one[:, :3, 3] - straight[:, :3, 3], axis=1).max() for one in (moved, found))
+    assert left < 0.1 * off
+    same = field_of(np.full(footfalls, 0.5), 0.0)
+    assert remove_drift(bent, nodes, same, t) is bent
+
+
+def test_a_walk_is_turned_as_a_whole_by_one_angle_and_move_by_move_by_many() -> None:
+    problem = short_problem()
+    count = len(problem.nodes)
+    before = list_poses(range(count), problem.values)
+    turned = gtsam.Values(problem.values)
+    turn_walk(turned, problem.nodes, 0.7)
+    for j in (0, count // 2, count - 1):
+        pose = gtsam.Pose3(gtsam.Rot3(yaw_rotation(0.7)), np.zeros(3)).compose(problem.values.atPose3(X(j)))
+        assert turned.atPose3(X(j)).equals(pose, 1e-9)
+        np.testing.assert_allclose(turned.atVector(V(j)), yaw_rotation(0.7) @ problem.values.atVector(V(j)), atol=1e-12)
+    angle = np.linspace(0.0, 2.0, count)
+    turn_walk(turned, problem.nodes, angle - 0.7)
+    after = list_poses(range(count), turned)
+    moves = np.einsum("kij,kj->ki", yaw_rotation(angle[1:]), np.diff(before[:, :3, 3], axis=0))
+    np.testing.assert_allclose(np.diff(after[:, :3, 3], axis=0), moves, atol=1e-9)
+    np.testing.assert_allclose(after[:, :3, :3], yaw_rotation(angle) @ before[:, :3, :3], atol=1e-9)
+
+
+COURSE = [Stand(3.0), Walking(straight(25.0)), Stand(3.0)]
+
+
+def solved(gate: str) -> SmoothedWalk:
+    """A few strides in the field of a building."""
+    course = replace(scenario("demo"), name="short", route=lambda _: COURSE, field="indoor", worn="heel")
+    options = Options(gate=gate)
+    walk = prepare_walk(Walk.of(simulate(course, 1).recording, options))
+    return smooth_graph(walk.recording, walk.stances, choose_parameters(options), None, field=walk.field)
+
+
+@pytest.mark.parametrize("gate", ["none", "ma2018", "ma2018:hard"])
+def test_the_graph_has_the_factors_that_the_summary_counts_and_the_weights_of_its_gate(gate: str) -> None:
+    walk = solved(gate)
+    told = Counter({kind: count for kind, count in walk.solution.graph.items() if kind in KINDS and count})
+    gated_out = told.pop("gated_out", 0)
+    assert count_graph(walk.graph) == told
+    assert told["differential_field"] > 0
+    assert told["magnetic_heading"] + gated_out == len(walk.solution.stances)
+    assert (gated_out > 0) == gate.endswith(":hard")
+    table = walk.solution.stances
+    weight, statistic = table.compass_weight, table.field_statistic
+    assert weight is not None
+    assert statistic is not None
+    assert (weight > 0.0).sum() == walk.solution.graph["magnetic_heading"]
+    assert (weight <= 1.0).all()
+    judged = np.isfinite(statistic)
+    if gate == "ma2018":
+        order = np.argsort(statistic[judged])
+        assert (np.diff(weight[judged][order]) <= 0.0).all()
+        assert 0.0 < weight.min() < weight.max() == 1.0
+    else:
+        assert set(weight) <= {0.0, 1.0}

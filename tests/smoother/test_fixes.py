@@ -1,24 +1,28 @@
 """Fixes: where they are used, what they do to the heading at the start, and which are refused."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 
+import gtsam
 import numpy as np
 import pytest
+from gtsam.symbol_shorthand import L
 
 from fg_nav.arrays import Floats
+from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError
-from fg_nav.frames import yaw_rotation
+from fg_nav.factors import guarded_factor
+from fg_nav.frames import compute_heading, yaw_rotation
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.recording import Recording
-from fg_nav.smoother import constraints, smooth
-from fg_nav.smoother.constraints import FIX_SPEED_M_S, pin_to_times
+from fg_nav.smoother import ExtraFactors, GraphNodes, SmoothedWalk, constraints, smooth, smooth_graph
+from fg_nav.smoother.constraints import FIX_SPEED_M_S, KnownTies, pin_to_times
 from fg_nav.smoother.parameters import WalkParameters
 from fg_nav.smoother.strides import place_nodes
 from fg_nav.solution import Solution
 from fg_nav.truth import Fix
-from tests.smoother.walks import DEFAULT, Walk, demo
+from tests.smoother.walks import DEFAULT, Walk, demo, part
 
 P = WalkParameters()
 TURN_DEG = 130.0  # From the frame in which a walk starts with heading zero to the fixes' frame.
@@ -164,3 +168,155 @@ def test_a_fix_far_from_any_footfall_is_refused(monkeypatch: pytest.MonkeyPatch)
 )
 def test_a_fix_without_place_or_sigma_is_refused(fix: Fix) -> None:
     assert "finite position and sigmas above zero" in refused(fix)
+
+
+SHIFT, TURN = np.array([1.0, -0.7, 0.3]), np.deg2rad(12.0)
+SIGMA_M = 0.2
+
+
+@pytest.fixture(scope="module")
+def free() -> Solution:
+    recording = demo().recording
+    return smooth(recording, detect_stances(recording), heading=0.0)
+
+
+def tie(free: Solution, every: int, arm: np.ndarray) -> KnownTies:
+    """Tie every so many-th footfall, by a point next to it, to its place on a path that is moved and turned."""
+    table = free.stances
+    rows = np.arange(0, len(table), every)
+    point = table.position[rows] + np.einsum("kij,j->ki", table.nav_R_body[rows], arm)
+    place = SHIFT + point @ yaw_rotation(TURN).T
+    count = len(rows)
+    return KnownTies(table.t[rows], np.tile(arm, (count, 1)), place, np.tile(SIGMA_M**2 * np.eye(3), (count, 1, 1)))
+
+
+@pytest.mark.parametrize("arm", [np.zeros(3), np.array([0.4, -0.8, 0.1])], ids=["at the footfall", "next to it"])
+def test_start_and_heading_follow_the_known_places(free: Solution, arm: np.ndarray) -> None:
+    recording = demo().recording
+    tied = smooth(recording, detect_stances(recording), heading=0.0, known=tie(free, 5, arm))
+    assert tied.stances.position == pytest.approx(SHIFT + free.stances.position @ yaw_rotation(TURN).T, abs=0.05)
+    turned = compute_heading(free.stances.nav_R_body) - compute_heading(tied.stances.nav_R_body)
+    assert np.angle(np.exp(1j * (turned - TURN))) == pytest.approx(0.0, abs=np.deg2rad(0.5))
+    assert tied.graph["known_place"] == len(tie(free, 5, arm).t)
+
+
+def test_the_sigma_of_the_start_is_that_of_the_ties(free: Solution) -> None:
+    recording = demo().recording
+    few, many = (
+        smooth(recording, detect_stances(recording), heading=0.0, known=tie(free, every, np.zeros(3))).stances
+        for every in (20, 2)
+    )
+    assert (many.position_sigma[0] < few.position_sigma[0]).all()
+    assert (few.position_sigma[0, :2] < 1.5 * SIGMA_M).all()
+    assert many.position_sigma[0, 0] > SIGMA_M / np.sqrt(len(many) / 2)
+    assert free.stances.position_sigma[0].max() < 0.01
+    assert few.heading_sigma[0] > free.stances.heading_sigma[0]
+
+
+SIGMA_M = 0.05
+FOOTFALLS = 16
+
+
+def smoothed(extra: ExtraFactors | None = None, heading: float | None = 0.0, fixes: Sequence[Fix] = ()) -> SmoothedWalk:
+    walk = part(demo(), FOOTFALLS)
+    return smooth_graph(walk.recording, walk.stances, DEFAULT, heading, fixes=fixes, extra=extra)
+
+
+@cache
+def free() -> Solution:
+    return smoothed().solution
+
+
+@cache
+def fixed(heading: float | None) -> Solution:
+    fix = Fix(float(free().stances.t[-1]), place(), SIGMA_M, SIGMA_M)
+    return smoothed(heading=heading, fixes=[fix]).solution
+
+
+def place() -> Floats:
+    """Of the last footfall, to pin it to: a step to the side of where it is without."""
+    return free().stances.position[-1] + np.array([0.3, -0.2, 0.1])
+
+
+def joined(*factors: gtsam.NonlinearFactor) -> gtsam.NonlinearFactorGraph:
+    graph = gtsam.NonlinearFactorGraph()
+    for factor in factors:
+        graph.push_back(factor)
+    return graph
+
+
+def last_of(nodes: GraphNodes) -> int:
+    return nodes.pose[nodes.stillest[-1]]
+
+
+def at_place(nodes: GraphNodes) -> gtsam.NonlinearFactorGraph:
+    return joined(gtsam.GPSFactor(last_of(nodes), place(), gtsam.noiseModel.Isotropic.Sigma(3, SIGMA_M)))
+
+
+def at_place_in_python(nodes: GraphNodes) -> gtsam.NonlinearFactorGraph:
+    key = last_of(nodes)
+
+    def evaluate(values: gtsam.Values, _: bool) -> tuple[Floats, list[Floats]]:
+        pose = values.atPose3(key)
+        return pose.translation() - place(), [np.hstack([np.zeros((3, 3)), pose.rotation().matrix()])]
+
+    noise = gtsam.noiseModel.Isotropic.Sigma(3, SIGMA_M)
+    return joined(guarded_factor("a place", [key], [6], noise, evaluate))
+
+
+@pytest.mark.parametrize("heading", [0.0, None], ids=["heading given", "heading not given"])
+@pytest.mark.parametrize("extra", [at_place, at_place_in_python])
+def test_a_position_is_worth_what_a_fix_there_is(extra: ExtraFactors, heading: float | None) -> None:
+    own, table = smoothed(extra, heading).solution, fixed(heading).stances
+    np.testing.assert_allclose(own.stances.position, table.position, atol=1e-3)
+    np.testing.assert_allclose(own.stances.position_cov, table.position_cov, rtol=2e-2, atol=1e-7)
+    np.testing.assert_allclose(own.stances.heading_sigma, table.heading_sigma, rtol=2e-2)
+    assert own.graph["own"] == 1
+    assert np.abs(own.stances.position[-1] - place()).max() < 2 * SIGMA_M
+
+
+def test_a_start_that_is_known_elsewhere_turns_the_walk() -> None:
+    """A walk without a heading is turned to its factors, however far."""
+    table = free().stances
+    turned = table.position[[8, -1]] @ np.array([[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]])
+
+    def along(nodes: GraphNodes) -> gtsam.NonlinearFactorGraph:
+        noise = gtsam.noiseModel.Isotropic.Sigma(3, SIGMA_M)
+        keys = [nodes.pose[nodes.at(float(t))] for t in table.t[[8, -1]]]
+        return joined(*(gtsam.GPSFactor(key, at, noise) for key, at in zip(keys, turned, strict=True)))
+
+    found = smoothed(along, heading=None).solution
+    np.testing.assert_allclose(found.stances.position[[8, -1]], turned, atol=2 * SIGMA_M)
+
+
+def test_the_graph_at_hand_is_the_one_that_was_solved() -> None:
+    walk = smoothed(at_place)
+    gradient = walk.graph.linearize(walk.values).gradientAtZero()
+    curvature = walk.find_covariance(last_of(walk.nodes))
+    step = np.sqrt(np.diag(curvature)) * np.abs(gradient.at(last_of(walk.nodes)))
+    assert step.max() < 0.05  # sigmas from the minimum
+    nav_R_body = walk.solution.stances.nav_R_body[-1]
+    np.testing.assert_allclose(
+        nav_R_body @ curvature[3:, 3:] @ nav_R_body.T, walk.solution.stances.position_cov[-1], rtol=1e-9
+    )
+    with pytest.raises(EstimationError, match="no variable l3"):
+        walk.find_covariance(L(3))
+
+
+UNIT, NOWHERE = gtsam.noiseModel.Unit.Create(3), np.full(3, np.nan)
+
+
+REFUSED: dict[str, Callable[[GraphNodes], object]] = {
+    "returned a list: return a gtsam.NonlinearFactorGraph": lambda nodes: [at_place(nodes).at(0)],
+    "joins l7, which is no variable of this walk": lambda _: joined(gtsam.GPSFactor(L(7), np.zeros(3), UNIT)),
+    "cannot be linearized": lambda nodes: joined(gtsam.GPSFactor(nodes.velocity[0], np.zeros(3), UNIT)),
+    "error of extra factor 0 is nan": lambda nodes: joined(gtsam.GPSFactor(nodes.pose[0], NOWHERE, UNIT)),
+    "extra factor 0 joins no variable": lambda _: joined(gtsam.CustomFactor(UNIT, [], lambda *_: np.zeros(3))),
+    "no node within 1.5 s of 10000.00 s": lambda nodes: at_place(nodes) if nodes.at(1e4) else None,
+}
+
+
+@pytest.mark.parametrize("words", REFUSED)
+def test_what_cannot_join_is_refused(words: str) -> None:
+    with pytest.raises(EstimationError, match=words):
+        smoothed(REFUSED[words])  # type: ignore[arg-type]

@@ -1,14 +1,39 @@
 """Gauss-Newton: few steps to the minimum, halved where it overshoots, and one sentence where there is none."""
 
+from dataclasses import replace
+
 import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import V, X
+from gtsam.symbol_shorthand import S, V, X
 
+from fg_nav.arrays import Floats
+from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError
 from fg_nav.factors import guarded_factor
+from fg_nav.factors.residual import ResidualBlock, Stack
+from fg_nav.factors.zero_velocity import StanceVelocity
+from fg_nav.magnetic import average_footfall_field
+from fg_nav.recording import Recording
+from fg_nav.smoother.field import integrate_field, solve_with_field
+from fg_nav.smoother.field_factors import FieldFactors
+from fg_nav.smoother.graph import WalkProblem
+from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.solver import CONVERGENCE, MAX_HALVINGS, Solved, WalkSystem, find_minimum
-from tests.smoother.walks import demo, minimum, node_arrays, problem
+from fg_nav.smoother.square_root import LinearWalk, stack_factors
+from tests.linear import linear_factors, marginal_covariances
+from tests.smoother.walks import (
+    DEFAULT,
+    Walk,
+    demo,
+    list_keys,
+    minimum,
+    node_arrays,
+    part,
+    problem,
+    time_order,
+    track_of,
+)
 
 UNIT = gtsam.noiseModel.Unit.Create(3)
 
@@ -103,3 +128,170 @@ def test_what_is_not_finite_is_one_sentence() -> None:
     graph.push_back(gtsam.PriorFactorVector(V(0), np.array([np.nan, 0.0, 0.0]), UNIT))
     with pytest.raises(EstimationError, match="not finite"):
         run(graph, values)
+
+
+@pytest.mark.parametrize(("shape", "split"), [("chain", 3), ("star", 5), ("forest", 4)])
+def test_any_tree_will_do(shape: str, split: int) -> None:
+    """Linear graphs of vectors, whose joint information is known in closed form: GTSAM's tree, and ours."""
+    n, rng = 7, np.random.default_rng(1)
+    pairs = {"chain": [(i, i + 1) for i in range(n - 1)], "star": [(0, i) for i in range(1, n)], "forest": [(0, 1)]}
+    graph, order = gtsam.GaussianFactorGraph(), gtsam.Ordering()
+    information = np.zeros((3 * n, 3 * n))
+    for i in range(n):
+        J = rng.standard_normal((3, 3)) + 2 * np.eye(3)
+        graph.add(V(i), J, rng.standard_normal(3), gtsam.noiseModel.Unit.Create(3))
+        information[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] += J.T @ J
+        order.push_back(V(n - 1 - i))
+    for i, j in pairs[shape]:
+        A, C = rng.standard_normal((2, 3, 3))
+        graph.add(V(i), A, V(j), C, rng.standard_normal(3), gtsam.noiseModel.Unit.Create(3))
+        both = np.zeros((3, 3 * n))
+        both[:, 3 * i : 3 * i + 3], both[:, 3 * j : 3 * j + 3] = A, C
+        information += both.T @ both
+    tree = graph.eliminateMultifrontal(order, gtsam.EliminateQR)
+    found, step = marginal_covariances(tree, {V(i) for i in range(n)}), tree.optimize()
+    walk = LinearWalk.of(stack_factors(graph.at(i) for i in range(graph.size())), list_keys(order))
+    root, left = walk.eliminate_before(split).eliminate()
+    dense, ours, moved = (
+        np.linalg.inv(information),
+        walk.eliminate()[0].covariances(map(V, range(n))),
+        root.split(root.step),
+    )
+    assert left.error == pytest.approx(graph.error(step), rel=1e-9)
+    assert left.volume == pytest.approx(0.5 * np.linalg.slogdet(information)[1], rel=1e-9)
+    for i in range(n):
+        np.testing.assert_allclose(found[V(i)], dense[3 * i : 3 * i + 3, 3 * i : 3 * i + 3], rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(ours[V(i)], found[V(i)], rtol=1e-9, atol=1e-12)
+        if n - 1 - i >= split:
+            np.testing.assert_allclose(moved[V(i)], step.at(V(i)), rtol=1e-9, atol=1e-12)
+
+
+def test_what_is_not_determined_is_refused() -> None:
+    """Two places tied to each other alone: rounding leaves some 1e-17 on the diagonal of the second."""
+    A, order = np.random.default_rng(0).standard_normal((3, 6)), gtsam.Ordering()
+    for key in (V(0), V(1)):
+        order.push_back(key)
+    tie = Stack(np.array([[V(0), V(1)]], dtype=np.uint64), np.column_stack([A[:, :3], -A[:, :3], A[:, 3]])[None])
+    with pytest.raises(EstimationError, match="no unique solution"):
+        LinearWalk.of([tie, tie], list_keys(order)).eliminate()
+
+
+def test_a_long_walk_has_marginals_too() -> None:
+    """Three times round the corridor: the position is known to half a metre, a step of it to a millimetre."""
+    once = demo().recording
+    again = [np.tile(getattr(once, name), (3, 1)) for name in ("acc", "gyr")]
+    recording = Recording(np.arange(len(again[0])) * once.period_s, *again)
+    found = minimum(problem(Walk(recording, detect_stances(recording))))
+    covariance = found.root.covariances(found.values.keys())
+    assert all(np.linalg.eigvalsh(c).min() > 0 for c in covariance.values())
+    spread = [np.trace(c[3:, 3:]) for key, c in sorted(covariance.items()) if key >> 56 == ord("x")]
+    assert 0.3 < np.sqrt(spread[-1]) < 3.0
+    assert np.polyfit(np.arange(len(spread)), spread, 1)[0] > 0
+
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def some_stances(seed: int = 0, nodes: int = 5) -> tuple[ResidualBlock, gtsam.Values]:
+    """Nodes in any attitude, with residuals of some sigmas, and a vertical sigma of its own."""
+    rng, values = np.random.default_rng(seed), gtsam.Values()
+    for k in range(2):
+        values.insert(S(k), 0.002 * rng.standard_normal(1))
+    for j in range(nodes):
+        values.insert(X(j), gtsam.Pose3(gtsam.Rot3.RzRyRx(*rng.standard_normal(3)), rng.standard_normal(3)))
+        values.insert(V(j), 0.1 * rng.standard_normal(3))
+    settling, sigma = np.tile([0.0, 0.0, -0.005], (nodes, 1)), np.tile([0.02, 0.02, 0.05], (nodes, 1))
+    velocity = StanceVelocity(0.1 * rng.standard_normal((nodes, 3)), settling, sigma, np.full(nodes, 3.0))
+    return ResidualBlock(velocity, [(X(j), V(j), S(j % 2)) for j in range(nodes)]), values
+
+
+def turned(values: gtsam.Values, nodes: int = 5) -> gtsam.VectorValues:
+    """The step that turns everything by a radian about the vertical, to first order."""
+    step = gtsam.VectorValues()
+    for j in range(nodes):
+        pose = values.atPose3(X(j))
+        R = pose.rotation().matrix()
+        step.insert(X(j), np.concatenate([R.T @ UP, R.T @ np.cross(UP, pose.translation())]))
+        step.insert(V(j), np.cross(UP, values.atVector(V(j))))
+    for k in range(2):
+        step.insert(S(k), np.zeros(1))
+    return step
+
+
+def test_a_turn_of_everything_is_not_seen() -> None:
+    velocities, values = some_stances()
+    step = turned(values)
+    for factor in linear_factors(velocities, values):
+        A, _ = factor.jacobian()
+        keys = list(factor.keys())
+        seen = A @ np.concatenate([step.at(key) for key in keys])
+        np.testing.assert_allclose(seen, 0.0, atol=1e-9)
+
+
+def test_linearised_error_has_the_slope_of_the_error() -> None:
+    velocities, values = some_stances(1)
+    rng = np.random.default_rng(2)
+    step = gtsam.VectorValues()
+    for j in range(5):
+        step.insert(X(j), rng.standard_normal(6))
+        step.insert(V(j), rng.standard_normal(3))
+    for k in range(2):
+        step.insert(S(k), rng.standard_normal(1))
+
+    def linear(scale: float) -> float:
+        return sum(factor.error(step.scale(scale)) for factor in linear_factors(velocities, values))
+
+    h = 1e-6
+    slope = (velocities.error(values.retract(step.scale(h))) - velocities.error(values.retract(step.scale(-h)))) / (
+        2 * h
+    )
+    assert (linear(h) - linear(-h)) / (2 * h) == pytest.approx(slope, rel=1e-5)
+    assert linear(0.0) == pytest.approx(velocities.error(values), rel=1e-12)
+
+
+FOOTFALLS = 9
+
+
+def solved_with_field(heading: float | None, p_field: dict[str, object]) -> WalkProblem:
+    """A few footfalls of a walk in a field that is rough, at the minimum."""
+    few, rng = part(demo(), FOOTFALLS), np.random.default_rng(0)
+    truth = demo().recording.truth
+    mag = np.einsum("nji,j->ni", truth.nav_R_body[: len(few.recording)], [3.0, 20.0, -43.0])
+    recording = replace(few.recording, mag=mag + 0.1 * rng.standard_normal(mag.shape))
+    p = replace(DEFAULT, magnetic=replace(DEFAULT.magnetic, **p_field))
+    problem = walk_problem(recording, few.stances, heading, p)
+    field = average_footfall_field(recording, few.stances)
+    found = solve_with_field(problem, field, integrate_field(problem, field, track_of(problem)))
+    return replace(found.problem, values=found.solved.values)
+
+
+def information_of(linear: gtsam.GaussianFactorGraph, problem: WalkProblem) -> tuple[Floats, Floats]:
+    return linear.hessian(time_order(problem.nodes, with_field=True))
+
+
+@pytest.mark.parametrize("heading", [0.0, None], ids=["given", "not given"])
+@pytest.mark.parametrize("potential", [True, False], ids=["with potential", "compass alone"])
+def test_batch_and_isam2_linearize_the_same_walk_to_the_same_information(
+    heading: float | None, potential: bool
+) -> None:
+    problem = solved_with_field(heading, {"potential": potential})
+    field = problem.get(FieldFactors)
+    assert len(field.heading) >= FOOTFALLS - 3
+    assert (len(field.potential) > 0) == potential
+    # Also where the tilt is not the one that levels the field.
+    delta = gtsam.VectorValues()
+    rng = np.random.default_rng(1)
+    for key, size in problem.values.dims().items():
+        delta.insert(key, 1e-2 * rng.standard_normal(size))
+    values = problem.values.retract(delta)
+    batch = problem.graph.linearize(values)
+    for block in problem.system.blocks:
+        for factor in linear_factors(block, values):
+            batch.push_back(factor)
+    expected, found = (information_of(linear, problem) for linear in (batch, problem.factors().linearize(values)))
+    scale = np.sqrt(np.diag(expected[0]))
+    np.testing.assert_allclose((found[0] - expected[0]) / np.outer(scale, scale), 0.0, atol=1e-9)
+    np.testing.assert_allclose((found[1] - expected[1]) / scale, 0.0, atol=1e-9 * np.abs(expected[1] / scale).max())
+    assert problem.factors().error(values) == pytest.approx(
+        problem.graph.error(values) + sum(block.error(values) for block in problem.system.blocks), rel=1e-9
+    )
