@@ -21,7 +21,8 @@ from fg_nav.lab.simulation.plan import Walk
 from fg_nav.lab.simulation.scenario_file import read_scenario
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.places import Signature, Stretch
-from fg_nav.places.recognition import ALONG_SIGMA_M, LATERAL_SIGMA_M, UP_SIGMA_M
+from fg_nav.places.recognition import ALONG_SIGMA_M, LATERAL_SIGMA_M, UP_SIGMA_M, find_shift, weigh_shifts
+from fg_nav.places.signature import whiten
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, building, smooth_graph
 from fg_nav.smoother.batch import SmoothedWalk
@@ -36,6 +37,7 @@ from fg_nav.smoother.building import (
     STRAIGHT_WITHIN_M,
     STRIDES,
     DirectionFactors,
+    PathUncertainty,
     keep_common,
     list_displacements,
     make_place_factors,
@@ -169,10 +171,10 @@ def test_a_circle_is_the_same_walk_with_directions() -> None:
 
 
 def test_a_walk_is_split_where_its_heading_is_lost() -> None:
-    sigma = np.radians([0.0, 1, 2, 3, 3, 50, 60, 60.1])
-    drift = split_drift(sigma**2)
-    np.testing.assert_array_equal(drift.piece, [0, 0, 0, 0, 0, 1, 2, 2])
-    assert drift.sigma < np.radians(5.0)
+    grown_deg = np.array([0.0, 1, 2, 2, 0, 50, 33, 3, 8, 12, 1])  # over the stride before each footfall
+    drift = split_drift(np.cumsum(np.radians(grown_deg) ** 2))
+    np.testing.assert_array_equal(drift.piece, [0, 0, 0, 0, 0, 1, 2, 2, 2, 3, 3])
+    assert np.degrees(drift.sigma) == pytest.approx(np.sqrt(1 + 4 + 4 + 9 + 64 + 1))
     assert split_drift(np.radians(np.linspace(0.0, 80.0, 240)) ** 2).piece[-1] == 0
 
 
@@ -282,6 +284,14 @@ def test_the_uncertainty_of_a_place_is_that_of_the_whole_graph() -> None:
     assert found.heading_rad(*ends) == pytest.approx(np.hypot(np.sqrt(heading), np.radians(MIN_HEADING_DEG)), rel=0.01)
 
 
+def test_by_way_of_an_anchor_behind_the_first_place_the_sigmas_of_both_ways_add_up() -> None:
+    walked_m, variance = 5.0 * np.arange(7), np.arange(14.0).reshape(2, 7)
+    path = PathUncertainty(walked_m, np.array([0.0, 20.0]), variance, variance, variance)
+    for first_m, sigma_m in ((4.0, np.sqrt(6.0)), (12.0, np.sqrt(10.0) + np.sqrt(13.0)), (20.0, np.sqrt(13.0))):
+        found = path.position_m(np.array([first_m]), np.array([30.0]))
+        assert found == pytest.approx(np.hypot(sigma_m, MIN_PLACE_M)), first_m
+
+
 def test_what_two_rounds_have_in_common_is_kept() -> None:
     later = np.arange(100.0, 200.0)
     one = Stretch(later, later - 90.0, False, 50.0, 1e-9)
@@ -341,6 +351,23 @@ def test_ties_have_the_errors_that_they_claim_on_a_rough_floor_and_on_a_smooth_o
         assert np.mean(np.abs(e) < 2.0) > 0.85, name
     assert sigmas["rough"] < 0.35
     assert sigmas["smooth"] > 1.5 * sigmas["rough"]
+
+
+def test_a_tie_is_as_sharp_along_the_path_as_its_alignment_and_its_shift_together() -> None:
+    """13.5 m of one cell, over a floor that shows its shift to 0.3 m."""
+    floor = Floor.draw(3, waves_m=(4.0, 16.0))
+    path, whole = retrace(False, floor=replace(floor, strength=0.5 * floor.strength))
+    piece = replace(whole, later=whole.later[:28], earlier=whole.earlier[:28])
+    foot = np.arange(0, len(path), 3)
+    R = np.tile(np.eye(3), (len(foot), 1, 1))
+    tie = make_place_factors(path, [piece], path.t[foot], path.position[foot], R, 2 * foot)
+    (pair,), count = tie.keys, 13.5 / APART_M
+    assert np.abs(path.distance_m[(np.array(pair) - X(0)) // 2] - [108.0, 10.0]).max() < 0.9  # the middles
+    shift_sigma = find_shift(weigh_shifts(whiten(path), piece))[1]
+    assert 0.1 < shift_sigma < 0.8
+    along_m = np.hypot(ALONG_SIGMA_M / np.sqrt(count), shift_sigma)
+    expected = [along_m, LATERAL_SIGMA_M / np.sqrt(count), UP_SIGMA_M]
+    np.testing.assert_allclose(1.0 / np.linalg.norm(tie.residuals.weight[0], axis=1), expected, rtol=1e-3)
 
 
 def test_laps_of_hours_are_tied_cell_by_cell() -> None:
