@@ -29,9 +29,8 @@ from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.strides import place_nodes
 from fg_nav.solution import Solution
-from fg_nav.truth import TrajectoryTruth
 from tests.linear import linear_factors
-from tests.smoother.walks import DEFAULT, demo, track_of
+from tests.smoother.walks import DEFAULT, demo, track_of, truth_of
 
 EARTH = np.array([1.0, 20.0, -43.0])
 NO_REST = RestParameters(shortest_s=math.inf, shortest_at_end_s=math.inf)
@@ -40,12 +39,6 @@ UNRESTED = replace(
 )
 """The differential field alone: no rest shows the bias, and no heading."""
 UP_BIAS_DEG_S = 0.4
-
-
-def truth_of(recording: Recording) -> TrajectoryTruth:
-    assert isinstance(recording.truth, TrajectoryTruth)
-    assert recording.truth.nav_R_body is not None
-    return recording.truth
 
 
 def waves(position: Floats) -> Floats:

@@ -39,7 +39,6 @@ from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.problem import walk_problem
 from tests.smoother.test_field import heading_error_deg, in_field, replace_field, truth_of
 from tests.smoother.test_field_factors import KNOWN, NEVER, NONE, ROUGH, Walked, steady  # noqa: F401
-from tests.smoother.test_potential import EARTH, solved_in
 from tests.smoother.walks import DEFAULT, demo, track_of
 
 EARTH = Homogeneous(np.array([0.0, 20.0, -43.0]))
@@ -192,10 +191,10 @@ def test_evidence_is_that_of_the_density_of_the_integrals(true: float) -> None:
 @pytest.mark.usefixtures("steady")
 def test_the_mean_share_over_walks_is_that_of_the_walks() -> None:
     """As often as before the walk: on short walks all are near the mean, on long ones each near its own."""
-    for count, apart in ((8, 0.0), (150, 0.8)):
+    for count, draws, apart in ((8, 30, 0.0), (100, 12, 0.75)):
         walked = in_known_building(count)
         found = [
-            [find_share(walked, added) for added in potentials(share, walked).rvs(30, random_state=1)]
+            [find_share(walked, added) for added in potentials(share, walked).rvs(draws, random_state=1)]
             for share in SHARES
         ]
         mean = np.average(np.mean(found, axis=1), weights=SHARES_PRIOR)
