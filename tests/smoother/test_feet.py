@@ -204,14 +204,11 @@ def test_between_ties_that_are_far_apart_a_pair_is_watched_every_15_s(
     monkeypatch.setattr(feet_module, "average_cells", lambda *feet: average_cells(*feet).take(np.array([0])))
     ties = tie_feet(problem.right, problem.left, solved.minimum.values)
     t = [one.recording.t[one.nodes.sample[one.nodes.result]] for one in (problem.right, problem.left)]
-    at = np.stack([t[0][ties.right], t[1][ties.left]], axis=1)
-    of_cells, watched = at[: ties.cells], at[ties.cells :]
-    since_start = watched.mean(axis=1) - max(one[0] for one in t)
-    assert len(watched) >= 2
-    assert np.diff(since_start).min() == pytest.approx(15.0, abs=2.0)
-    assert np.abs((since_start + 7.5) % 15.0 - 7.5).max() < 2.0
-    assert np.abs(watched[:, 1:] - of_cells[:, 1]).min() > 14.0
-    assert np.abs(np.diff(watched, axis=1)).max() < 1.5
+    at = np.stack([t[0][ties.right], t[1][ties.left]], axis=1) - max(one[0] for one in t)
+    # A standing and a cell at the start tie the feet; later moments are half a minute and more behind them.
+    assert at[: ties.cells + 1].max() < 10.0
+    np.testing.assert_allclose(at[ties.cells + 1 :].mean(axis=1), [30.0, 45.0], atol=2.0)
+    assert np.abs(np.diff(at, axis=1)).max() < 1.5
 
 
 def test_standing_feet_beyond_reach_are_found_and_pulled_together(solved: SolvedFeet) -> None:
