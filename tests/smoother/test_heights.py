@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import cache
 from itertools import product
 
+import gtsam
 import numpy as np
 import pytest
 
@@ -21,10 +22,12 @@ from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import OnlineOptions, rows_of
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
+from fg_nav.smoother.graph import solve
 from fg_nav.smoother.heights import (
     DRIFTS_M,
     SCALE_HEIGHT_M,
     SCALE_SIGMA,
+    add_constraints,
     average_pressures,
     calibrate_barometer,
     estimate_noise,
@@ -34,12 +37,13 @@ from fg_nav.smoother.heights import (
     judge_ground,
 )
 from fg_nav.smoother.parameters import SmootherParameters
+from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.strides import place_nodes
 from fg_nav.solution import Solution
 from fg_nav.truth import Fix
 from tests.real_data import DATA, needs_data
-from tests.simulated import PERSON, simulated
-from tests.smoother.walks import DEFAULT, FREE, demo
+from tests.simulated import LEVER, PERSON, QUIET, simulated
+from tests.smoother.walks import DEFAULT, FREE, demo, noise_free
 
 STRIDE_M = 1.3
 SETTLING_M = DEFAULT.settling_sigma_m
@@ -181,6 +185,21 @@ def test_a_ramp_stays_a_ramp_and_stairs_stay_stairs_and_the_floors_are_found_aga
             assert np.abs(error).max() < 0.2 * np.abs(walk_course(course, FREE)[1]).max()
 
 
+def test_a_path_that_climbs_over_level_floors_has_a_softer_sole_than_expected() -> None:
+    """By as much as the sole gives way, and not by what is left where it is known."""
+    walk, excess_m = noise_free(), []
+    for settling_m in (0.0, QUIET.walk.sole_m):
+        p = replace(DEFAULT, known_lever=LEVER, settling_m=settling_m)
+        problem = walk_problem(walk.recording, walk.stances, 0.0, p)
+        values = gtsam.Values(solve(problem).values)
+        (prior,) = list(add_constraints(problem, values).blocks[-1].factors())
+        (key,) = prior.keys()
+        found = -prior.linearize(values).jacobian()[1] / prior.linearize(values).jacobian()[0][0]
+        excess_m.append(float(values.atVector(key)[0] - found[0]))
+    assert excess_m[0] == pytest.approx(QUIET.walk.sole_m, rel=0.5)
+    assert abs(excess_m[1]) < 0.4 * excess_m[0]
+
+
 @pytest.mark.parametrize("sigma_m", [0.05, 5.0])
 def test_floors_and_fixes_agree_on_the_height(sigma_m: float) -> None:
     """A surveyed height does not bend the floor it is on, nor does a receiver's that is off by metres."""
@@ -247,6 +266,8 @@ def test_stairs_in_air_of_another_temperature_close_and_have_it_in_their_sigma()
         error, sigma = height_errors(recording, found)
         top = np.argmax(recording.truth.position[found.stances.sample, 2])
         assert (np.abs(error[[-1, top]]) < 2.0 * sigma[[-1, top]]).all()
+        of_scale = SCALE_SIGMA * np.ptp(recording.truth.position[:, 2])
+        assert of_scale < sigma[top] < 1.3 * np.hypot(of_scale, sigma[-1])
 
 
 def test_a_door_and_gusts_move_the_heights_by_less_than_their_sigma() -> None:
