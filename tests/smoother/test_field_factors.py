@@ -31,6 +31,8 @@ from fg_nav.smoother.field_factors import (
     FieldPath,
     FieldRoughness,
     Roughness,
+    compass_sigma,
+    weigh_compass,
 )
 from fg_nav.smoother.parameters import FieldParameters
 from tests.factors.attitudes import eliminated, pose, values_of
@@ -344,3 +346,9 @@ def test_a_footfall_without_a_field_is_passed_over() -> None:
     anything = replace(walked.readings, body_field=walked.readings.body_field + 1e4 * (np.arange(4) == 1)[:, None])
     factors = FieldFactors(anything, walked.path, FIRST, ROUGH, COMPASS)
     assert error_of(factors, walked.values()) < 1e-18
+
+
+def test_a_compass_counts_by_its_variance_and_for_no_more_than_one_of_the_walk() -> None:
+    sigma = compass_sigma(np.array([0.0, 1.0, 4.0, np.inf]), ROUGH)
+    np.testing.assert_allclose(sigma, np.hypot(COMPASS_SIGMA_UT, ROUGH.white_uT * np.array([0.0, 1.0, 2.0, np.inf])))
+    np.testing.assert_allclose(weigh_compass(sigma, ROUGH), [1.0, 1.0, (sigma[1] / sigma[2]) ** 2, 0.0])
