@@ -8,8 +8,8 @@ import pytest
 
 from fg_nav.frames import yaw_rotation
 from fg_nav.places import locate
-from fg_nav.places.location import MAX_PIECES, MAX_STRETCHES, _linearize
-from fg_nav.places.recognition import LONE_EXPECTED
+from fg_nav.places.location import DRIFT, MAX_PIECES, MAX_STRETCHES, _covariance_of, _linearize
+from fg_nav.places.recognition import ALONG_SIGMA_M, HEADING_SIGMA_RAD, LATERAL_SIGMA_M, LONE_EXPECTED, UP_SIGMA_M
 from tests.places.floors import EARTH, LOOP, OPEN, Floor, along, carry, save
 
 START = np.array([25.0, 0.2])
@@ -106,3 +106,16 @@ def test_the_jacobian_of_the_transform_is_its_derivative(known):
     for k, axis in enumerate(step * np.eye(4)):
         ahead, behind = (_linearize(found.pieces, x + sign * axis)[0] for sign in (1.0, -1.0))
         np.testing.assert_allclose(jacobian[:, k], (behind - ahead) / (2.0 * step), atol=1e-6)
+
+
+def test_errors_of_ties_average_out_over_a_piece_but_that_of_its_height(known):
+    pieces = locate(carry(Floor.draw(8), PART, seed=1), known).pieces
+    assert pieces.count.max() > 1.2
+    axes, one = yaw_rotation(pieces.heading), np.ones(len(pieces.count))
+    own = np.swapaxes(axes, 1, 2) @ pieces.tie_covariance @ axes
+    level = np.array([ALONG_SIGMA_M, LATERAL_SIGMA_M]) ** 2 / pieces.count[:, None]
+    expected = np.column_stack([level, UP_SIGMA_M**2 * one])
+    np.testing.assert_allclose(np.diagonal(own, axis1=1, axis2=2), expected)
+    drift = DRIFT.heading_rad(0.0 * one, pieces.walked_m) ** 2
+    heading = np.diag(_covariance_of(pieces))[3::4]
+    np.testing.assert_allclose(heading, HEADING_SIGMA_RAD**2 / pieces.count + drift)
