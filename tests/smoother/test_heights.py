@@ -298,6 +298,7 @@ def test_noise_is_that_of_the_recording(white_pa: float, quantum_pa: float) -> N
 
 def test_online_has_the_heights_of_the_batch() -> None:
     recording = with_barometer(climbed())
+    recording = recording.slice(0, len(recording) // 2)
     navigator, rows = OnlineNavigator(OnlineOptions(parameters=FREE)), rows_of(recording)
     for start in range(0, len(rows), 500):
         part = rows[start : start + 500]
@@ -310,7 +311,7 @@ def test_online_has_the_heights_of_the_batch() -> None:
     assert np.mean(np.abs(error[1:]) < 2.0 * sigma[1:]) > 0.9
     at_end = np.interp(batch.stances.t, found.stances.t, found.stances.position[:, 2])
     assert np.abs(at_end - batch.stances.position[:, 2]).max() < 0.1
-    assert found.graph["barometer"] > 50
+    assert found.graph["barometer"] > 20
 
 
 def real(name: str) -> Recording:
