@@ -8,11 +8,22 @@ import numpy as np
 import pytest
 
 from fg_nav.errors import MagneticError
+from fg_nav.factors.rotation import rotation_exp
 from fg_nav.io import read
-from fg_nav.magnetic.axes import MagAxes, align_magnetometer, field_points_up, find_wrong_axes
+from fg_nav.magnetic.axes import (
+    MagAxes,
+    MagnetometerDelay,
+    align_magnetometer,
+    estimate_delay,
+    field_points_up,
+    find_wrong_axes,
+    holds_readings,
+    remove_delay,
+)
 from fg_nav.pipeline import prepare_walk
+from fg_nav.recording import Recording
 from fg_nav.walk import Options, Walk
-from tests.magnetic.turning_walks import minute
+from tests.magnetic.turning_walks import make_early, minute
 from tests.real_data import DATA, needs_data
 
 TEN = ("y,x,-z", "-x,-y,z", "x,-y,-z", "-x,y,-z", "y,z,x", "x,y,-z", "-x,y,z", "y,x,z", "-z,y,x", "x,-z,-y")
@@ -92,3 +103,108 @@ def test_real_magnetometers_are_not_accused_and_named_where_they_are_turned(name
     for words in TEN[:4]:
         turned = MagAxes(MagAxes.parse(words).P.T).apply_to(recording)
         assert str(find_wrong_axes(turned)) == words
+
+
+@pytest.mark.parametrize("rate_hz", [100.0, 200.0, 400.0])
+def test_a_late_magnetometer_is_found_through_iron_and_building(rate_hz):
+    for lag_s in (0.003, 0.022, 0.08):
+        found = estimate_delay(minute(5, lag_s, rate_hz=rate_hz))
+        assert found.taken_off
+        assert found.tau_s == pytest.approx(lag_s, abs=0.001)
+        assert found.sigma_s < 0.0005
+
+
+def test_an_early_magnetometer_is_found_and_without_a_delay_nothing_is_changed():
+    for field in ("homogeneous", "smooth", "indoor"):
+        found = estimate_delay(make_early(minute(6, 0.0, field), 2))
+        assert found.tau_s == pytest.approx(-0.01, abs=0.001)
+        assert "early" in str(found)
+    recording = minute(7)
+    found = estimate_delay(recording)
+    assert abs(found.tau_s) < 0.001
+    assert not found.taken_off
+    assert remove_delay(recording, found) is recording
+
+
+def test_the_sigma_is_true():
+    """Eight walks in the field of buildings: error over sigma is about one."""
+    lags = [0.0, 0.004, 0.012, 0.02] * 2
+    error = []
+    for seed, lag_s in enumerate(lags):
+        found = estimate_delay(minute(seed + 10, lag_s))
+        error.append((found.tau_s - lag_s) / found.sigma_s)
+    assert 0.4 < np.sqrt(np.mean(np.square(error))) < 1.7
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_a_slow_magnetometer_is_given_where_it_was_measured_or_between(held):
+    """Held readings are up to a period old: what is taken off is that as well."""
+    recording, slow = minute(3, 0.0, "smooth"), minute(3, 0.012, "smooth", chip_hz=50.0, held=held)
+    assert holds_readings(slow) == held
+    found = estimate_delay(slow)
+    assert found.tau_s == pytest.approx(0.012, abs=0.002)
+    field = remove_delay(slow, found).mag
+    known = np.isfinite(field).all(axis=1)
+    assert known.mean() == pytest.approx(1.0 if held else 0.25, abs=0.01)
+    error, before = (mag[known] - recording.mag[known] for mag in (field, slow.mag))
+    assert np.sqrt(np.mean(error**2)) < 0.6  # white noise of both
+    assert np.sqrt(np.mean(before**2)) > 1.2
+
+
+def test_before_the_first_and_after_the_last_reading_and_in_a_gap_nothing_is_invented():
+    recording = minute(5, 0.022)
+    gap = recording.mag.copy()
+    gap[3000:3020] = np.nan
+    late, early = (
+        remove_delay(replace(recording, mag=gap), MagnetometerDelay(tau, 0.001)).mag for tau in (0.022, -0.022)
+    )
+    rows = np.arange(len(gap))
+    for field, end in ((late, rows[-5:]), (early, rows[:5])):
+        missing = np.flatnonzero(~np.isfinite(field).all(axis=1))
+        np.testing.assert_array_equal(np.setdiff1d(missing, rows[2900:3100]), end)
+    assert np.isnan(late[2996:3020]).all()
+    assert np.isfinite(late[2900:2994]).all()
+
+
+def test_the_field_is_turned_to_the_stamp_exactly_in_a_homogeneous_field():
+    """A sensor that turns at a constant rate, with a reading every tenth of a radian."""
+    t = np.arange(200) / 100.0
+    rate = np.array([3.0, -8.0, 5.0])
+    attitude = rotation_exp(np.outer(t, rate))
+    late = rotation_exp(np.outer(t - 0.013, rate))
+    field = np.array([5.0, 20.0, -43.0])
+    recording = Recording(
+        t, np.tile([0.0, 0.0, 9.8], (200, 1)), np.tile(rate, (200, 1)), np.swapaxes(late, 1, 2) @ field
+    )
+    given = remove_delay(recording, MagnetometerDelay(0.013, 0.001)).mag
+    np.testing.assert_allclose(given[:198], (np.swapaxes(attitude, 1, 2) @ field)[:198], atol=1e-9)
+
+
+def test_a_sensor_that_hardly_turns_shows_no_delay():
+    recording = minute(5, 0.022)
+    assert estimate_delay(recording.slice(0, 1500)) is None
+    assert estimate_delay(replace(recording, gyr=0.01 * recording.gyr)) is None
+    assert estimate_delay(replace(recording, mag=None)) is None
+
+
+def test_a_run_says_what_was_taken_off():
+    walk = prepare_walk(Walk.of(minute(5, 0.022)))
+    assert any("ms late" in note and "taken off" in note for note in walk.notes)
+    found = walk.magnetometer.delay
+    assert found.tau_s == pytest.approx(0.022, abs=0.001)
+    assert found.taken_off
+    without = prepare_walk(Walk.of(minute(5, 0.022), Options(use_magnetometer=False)))
+    assert without.magnetometer is None or without.magnetometer.delay is None
+    assert not any("late" in note for note in without.notes)
+
+
+@needs_data
+@pytest.mark.parametrize(
+    ("name", "low", "high"), [("gdin/own/SensorConnectData_40.csv", 19, 23), ("openshoe/data_inert7.txt", -8, -6)]
+)
+def test_real_sensors_are_as_late_as_was_measured_otherwise(name, low, high):
+    recording = read(DATA / name)
+    found = estimate_delay(recording)
+    assert low < 1e3 * found.tau_s < high
+    left = estimate_delay(remove_delay(recording, found))
+    assert abs(left.tau_s) < 0.001

@@ -5,12 +5,38 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from scipy.special import chdtr
 from scipy.stats import chi2, kstest
 
+from fg_nav.ekf.presets import find_parameters
 from fg_nav.errors import MagneticError
 from fg_nav.frames import yaw_rotation
-from fg_nav.magnetic import DETECTORS, Detector, judge_field
-from fg_nav.magnetic.detectors import HEADING_DRIFT, OFFSET, Channel
+from fg_nav.lab.sample_field import (
+    MATTERS_UT,
+    SIGMA_UT,
+    WINDOW_S,
+    find_sample_threshold,
+    judge_samples,
+)
+from fg_nav.magnetic import DETECTORS, Detector, FieldVerdicts, judge_field
+from fg_nav.magnetic.detectors import (
+    DISTURBED,
+    FALSE_ALARM_RATE,
+    GATES,
+    HARD,
+    HEADING_DRIFT,
+    NO_GATE,
+    OFFSET,
+    PRIOR_COUNT,
+    QUASI_STATIC,
+    UNKNOWN,
+    Channel,
+    apply_gate,
+    count_needed,
+    find_gate,
+    weigh_statistic,
+)
+from fg_nav.recording import Recording
 from fg_nav.text import format_ratio
 from tests.magnetic.fields import EARTH, footfalls, still, turned
 
@@ -244,3 +270,125 @@ def test_a_lasting_deviation_is_accepted_in_the_end_and_a_greater_one_later():
         passed = judge_field(walk, detector).quasi_static & beside
         wide = deviation**2 / detector.threshold - detector.channels[0].sigma ** 2
         assert walk.t[np.argmax(passed)] == pytest.approx(wide / HEADING_DRIFT**2, rel=0.07)
+
+
+def verdicts(*statistic):
+    return FieldVerdicts("qsf", np.array(statistic, dtype=float), 7.0, tuple("x" for _ in statistic))
+
+
+def test_below_one_the_field_passes_and_where_there_is_none_it_does_not():
+    found = verdicts(np.nan, 0.0, 0.999, 1.0, 3.0)
+    assert found.judged.tolist() == [False, True, True, True, True]
+    assert found.quasi_static.tolist() == [False, True, True, False, False]
+    assert found.words == ("none", "quasi-static", "quasi-static", "disturbed", "disturbed")
+    assert found.coverage == pytest.approx(2 / 5)  # of all footfalls, judged or not
+    assert verdicts(np.nan, np.nan).coverage == verdicts().coverage == 0.0
+
+
+@pytest.mark.parametrize("gate", GATES)
+def test_a_verdict_needs_the_latest_footfalls_only(gate):
+    """A walk in progress judges each footfall by these; in batch it is the same verdict."""
+    rng, field = np.random.default_rng(0), footfalls(still(40), rate=np.arange(40) % 3)
+    changes = np.where(rng.uniform(size=(40, 1)) < 0.3, 20.0, 0.1) * rng.standard_normal((40, 3))
+    field = replace(field, body_field=np.where((np.arange(40) % 11 == 5)[:, None], np.nan, field.body_field + changes))
+    batch, needed = apply_gate(field, gate), count_needed(gate)
+    for k in range(len(field)):
+        first = 0 if needed is None else max(0, k + 1 - needed)
+        online = apply_gate(field.select(slice(first, k + 1)), gate)
+        if needed is None or k + 1 >= needed:
+            assert online.words[-1] == batch.words[k]
+            assert online.reason[-1] == batch.reason[k]
+    assert set(batch.words) >= {QUASI_STATIC, UNKNOWN}
+    assert gate == NO_GATE or DISTURBED in batch.words
+
+
+SOFT = [gate for gate in GATES if gate in DETECTORS]
+
+
+@pytest.mark.parametrize("gate", SOFT)
+def test_the_variance_grows_with_the_statistic_from_footfall_to_footfall_and_without_a_step(gate):
+    """It is the walk's at the median, in whatever unit; never none; and the walk's where nothing was judged."""
+    statistic = np.linspace(0.0, 4.0, 401)
+    weight = weigh_statistic(verdicts(*statistic), gate)
+    np.testing.assert_allclose(weigh_statistic(verdicts(*40.0 * statistic), gate), weight)
+    assert weight[200] == pytest.approx(1.0)
+    steps = np.diff(weight)
+    assert (steps > 0.0).all()
+    np.testing.assert_allclose(steps, steps[0])
+    count = find_gate(gate).window * len(find_gate(gate).channels)
+    assert weight[0] == pytest.approx(PRIOR_COUNT / (PRIOR_COUNT + count))
+    assert weigh_statistic(verdicts(np.nan, 1.0, 2.0, 3.0), gate)[[0, 2]].tolist() == [1.0, 1.0]
+    for none in (verdicts(), verdicts(np.nan, np.nan), verdicts(0.0, 0.0, 0.0)):
+        assert weigh_statistic(none, gate).tolist() == [1.0] * len(none)
+
+
+def test_a_statistic_of_few_changes_says_less_than_one_of_many():
+    found = verdicts(1.0, 1.0, 1.0, 9.0)
+    stance, curve = (weigh_statistic(found, gate)[-1] for gate in ("qsf-stance", "iqsf"))
+    assert 1.0 < stance < curve < 9.0
+
+
+def test_a_hard_gate_uses_the_compass_at_its_full_weight_or_not_at_all_and_no_gate_all_of_it():
+    for name in DETECTORS:
+        weight = weigh_statistic(verdicts(np.nan, 0.2, 0.999, 1.0, 50.0), name + HARD)
+        assert weight.tolist() == [np.inf, 1.0, 1.0, np.inf, np.inf]
+    assert weigh_statistic(apply_gate(footfalls(still(5)), NO_GATE), NO_GATE).tolist() == [1.0] * 5
+    assert weigh_statistic(verdicts(np.nan, 0.1, 7.0), NO_GATE).tolist() == [1.0] * 3
+
+
+def test_a_gate_is_the_detector_of_the_filter_of_its_name():
+    for name in ("qsf", "iqsf", "ma2018", "aiez", "qsf-stance"):
+        assert find_gate(name) == find_gate(name + HARD) == find_parameters(name, "tuned").detector
+    for gate in (NO_GATE, HARD, "no such gate", "no such gate" + HARD):
+        with pytest.raises(MagneticError, match="there is no detector"):
+            find_gate(gate)
+
+
+RATE_HZ = 100.0
+
+
+def recording(strength_uT, rate_hz=RATE_HZ, noise_uT=0.0, seed=1):
+    """A sensor that tumbles in a field of this strength (N,)."""
+    n = len(strength_uT)
+    rng = np.random.default_rng(seed)
+    axis = rng.standard_normal((n, 3))
+    mag = strength_uT[:, None] * axis / np.linalg.norm(axis, axis=1, keepdims=True)
+    mag = mag * (1.0 + noise_uT * rng.standard_normal((n, 1)) / strength_uT[:, None])
+    return Recording(np.arange(n) / rate_hz, np.tile([0.0, 0.0, 9.81], (n, 1)), np.zeros((n, 3)), mag)
+
+
+def strength(n):
+    return np.full(n, np.linalg.norm(EARTH))
+
+
+def test_a_sensor_that_tumbles_in_a_still_field_passes_and_all_of_a_bump_is_rejected_its_top_included():
+    """Two seconds past a lamp: at the top the rate of the strength is nothing."""
+    found = judge_samples(recording(strength(1000)))
+    assert found.judged[2:].all()
+    assert found.quasi_static[2:].all()
+    t = np.arange(1000) / RATE_HZ
+    for bump_uT in (-5.0, 2.0):
+        found = judge_samples(recording(strength(1000) + bump_uT * np.exp(-(((t - 5.0) / 0.6) ** 2))))
+        assert not found.quasi_static[np.abs(t - 5.0) < 0.6].any()
+        assert found.quasi_static[(t > 0.1) & (t < 3.0)].all()
+        assert found.quasi_static[t > 8.0].all()
+
+
+def test_the_window_is_as_long_as_said_and_no_sample_is_judged_by_later_ones():
+    """One odd sample, at 64 Hz and so at exact times: it counts for 64 samples."""
+    odd = strength(500) + 20.0 * (np.arange(500) == 200)
+    failed = np.flatnonzero(judge_samples(recording(odd, 64.0)).statistic > 1.0)
+    np.testing.assert_array_equal(failed, np.arange(200, 264))
+
+
+@pytest.mark.parametrize("rate_hz", [20.0, 100.0])
+def test_as_many_still_fields_and_least_changes_pass_as_are_said_to(rate_hz):
+    """Windows that lie apart, of white readings; the change goes evenly through each."""
+    count = round(WINDOW_S * rate_hz)
+    n = 2000 * count
+    still = recording(strength(n), rate_hz, SIGMA_UT)
+    ramp = np.tile(np.linspace(0.0, MATTERS_UT, count), 2000)
+    changing = recording(strength(n) + ramp, rate_hz, SIGMA_UT, seed=2)
+    passed = [judge_samples(walk).quasi_static[count - 1 :: count].mean() for walk in (still, changing)]
+    assert passed[0] == pytest.approx(chdtr(count - 1, find_sample_threshold(count)), abs=0.03)
+    assert passed[1] == pytest.approx(FALSE_ALARM_RATE, abs=0.02)

@@ -6,7 +6,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.frames import yaw_rotation
-from fg_nav.places import Signature, trace_signature
+from fg_nav.places import SavedPlaces, Signature, Stretch, trace_signature
 
 EARTH = np.array([1.0, 21.0, -43.0])
 SPEED_M_S = 1.25
@@ -55,5 +55,26 @@ def carry(floor: Floor, place: Floats, drift_deg_m: float = 0.0, noise_uT: float
     return trace_signature(walked / SPEED_M_S, position, R, mag)
 
 
+def save(path: Signature, sigma_m: float = 0.1) -> SavedPlaces:
+    """Places of a walk, all of one sigma."""
+    return SavedPlaces(path, np.full((len(path), 3), sigma_m))
+
+
 LOOP = np.array([(0, 0), (30, 0), (30, 18), (0, 18), (0, 0)])  # 96 m.
 OPEN = np.array([(0, 0), (60, 0), (60, 60), (120, 60), (120, 120)])  # 240 m without a return.
+
+
+def retrace(
+    opposite: bool,
+    drift_deg_m: float = 0.0,
+    floor: Floor = Floor.draw(1),
+    aside: Floats = np.zeros(2),
+    noise_uT: float = 0.3,
+) -> tuple[Signature, Stretch]:
+    """Twice the same 96 m, the second time so many m aside: the walk, and the stretch that is true of it."""
+    there = along(LOOP)
+    again = (there[::-1] if opposite else there) + np.append(aside, 0.0)
+    walk = carry(floor, np.vstack([there, again]), drift_deg_m, noise_uT)
+    later = np.arange(202.0, len(walk) - 10.0)
+    earlier = 2.0 * 95.95 / 0.5 - 1.0 - later if opposite else later - 96.0 / 0.5
+    return walk, Stretch(later, earlier, opposite, 100.0, 1e-5)

@@ -1,33 +1,31 @@
 """Where a walk is on the places of an earlier one: start and heading with a covariance, or nothing."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from fg_nav.frames import yaw_rotation
-from fg_nav.places import SavedPlaces, locate
-from fg_nav.places.location import MAX_PIECES, MAX_STRETCHES
-from fg_nav.places.recognition import LONE_EXPECTED
-from tests.places.floors import EARTH, LOOP, OPEN, Floor, along, carry
+from fg_nav.places import locate
+from fg_nav.places.location import DRIFT, MAX_PIECES, MAX_STRETCHES, _covariance_of, _linearize
+from fg_nav.places.recognition import ALONG_SIGMA_M, HEADING_SIGMA_RAD, LATERAL_SIGMA_M, LONE_EXPECTED, UP_SIGMA_M
+from tests.places.floors import EARTH, LOOP, OPEN, Floor, along, carry, save
 
 START = np.array([25.0, 0.2])
 PART = along([START, (60, 0.2), (60, 40)])
 
 
-def saved(path, sigma_m=0.1):
-    return SavedPlaces(path, np.full((len(path), 3), sigma_m))
-
-
 @pytest.fixture(scope="module")
 def known():
     """Places of a walk whose frame is at its first corner, (0, 0)."""
-    return saved(carry(Floor.draw(8), along(OPEN)))
+    return save(carry(Floor.draw(8), along(OPEN)))
 
 
 def turned(walk, degrees):
     """The same walk in a frame of its own that is turned by so much."""
     angle = np.deg2rad(degrees)
-    position = walk.position @ yaw_rotation(angle).T
-    return type(walk)(walk.distance_m, walk.t, position, walk.heading + angle, walk.field, walk.seen)
+    return replace(walk, position=walk.position @ yaw_rotation(angle).T, heading=walk.heading + angle)
 
 
 def test_start_and_heading_are_found_whatever_the_frame_of_the_walk_and_in_the_opposite_direction(known):
@@ -46,7 +44,7 @@ def test_the_start_is_less_sure_the_later_the_walk_comes_to_known_places_and_the
     elsewhere = along([(0, -60), (0, 0), (60, 0), (60, 30)])
     soon = carry(Floor.draw(8), PART, seed=3)
     late = locate(carry(Floor.draw(8), elsewhere, drift_deg_m=0.02, seed=3), known)
-    sure, unsure = locate(soon, known), locate(soon, saved(known.path, 3.0))
+    sure, unsure = locate(soon, known), locate(soon, save(known.path, 3.0))
     assert np.linalg.norm(late.start[:2] - [0, -60]) < 3.0
     assert np.trace(late.covariance[:2, :2]) > 2.0 * np.trace(sure.covariance[:2, :2])
     assert np.diag(unsure.covariance)[:3] == pytest.approx(np.diag(sure.covariance)[:3] + 9.0, abs=0.5)
@@ -60,35 +58,29 @@ def test_a_walk_on_another_floor_or_too_short_a_one_is_not_found(known):
 
 
 def test_a_walk_that_could_be_at_two_places_is_not_found():
-    """Two corridors alike, 100 m apart."""
-    floor = Floor.draw(3)
-
-    class Twice:
-        def at(self, place):
-            return floor.at(np.column_stack([np.mod(place[:, 0], 100.0), place[:, 1], place[:, 2]]))
-
-    long = saved(carry(Twice(), along([(0, 0), (190, 0)])))
-    assert locate(carry(floor, along([(20, 0), (80, 0)]), seed=1), long) is None
-    assert locate(carry(floor, along([(20, 0), (80, 0)]), seed=1), saved(carry(floor, along([(0, 0), (99, 0)]))))
-
-
-def test_two_corridors_alike_that_lead_from_one_corner_are_two_places():
-    """The start is the same, and the heading is not."""
+    """Corridors alike, 100 m apart; or two that lead from one corner, which have one start and two headings."""
     floor, quarter = Floor.draw(3), yaw_rotation(np.pi / 2)
 
-    class Fork:
-        def at(self, place):
-            turned = EARTH + (floor.at(place @ quarter) - EARTH) @ quarter.T
-            return np.where(place[:, 1:2] > place[:, :1], turned, floor.at(place))
+    def fork(place):
+        turned = EARTH + (floor.at(place @ quarter) - EARTH) @ quarter.T
+        return np.where(place[:, 1:2] > place[:, :1], turned, floor.at(place))
 
-    path = carry(floor, along([(1, 0), (50, 0)]), seed=1)
-    assert locate(path, saved(carry(Fork(), along([(60, 0), (0, 0), (0, 60)])))) is None
-    assert locate(path, saved(carry(floor, along([(60, 0), (0, 0), (0, 60)]))))
+    def twice(place):
+        return floor.at(np.column_stack([np.mod(place[:, 0], 100.0), place[:, 1], place[:, 2]]))
+
+    corner = along([(60, 0), (0, 0), (0, 60)])
+    for field, path, ambiguous, plain in (
+        (twice, along([(20, 0), (80, 0)]), along([(0, 0), (190, 0)]), along([(0, 0), (99, 0)])),
+        (fork, along([(1, 0), (50, 0)]), corner, corner),
+    ):
+        walk = carry(floor, path, seed=1)
+        assert locate(walk, save(carry(SimpleNamespace(at=field), ambiguous))) is None
+        assert locate(walk, save(carry(floor, plain)))
 
 
 def test_passes_of_one_corridor_are_no_two_places():
     laps = np.vstack([along(LOOP)] * 4)
-    known = saved(carry(Floor.draw(4), laps))
+    known = save(carry(Floor.draw(4), laps))
     for path in (along([(10, 0), (30, 0), (30, 18)]), laps):
         found = locate(carry(Floor.draw(4), path, seed=1), known)
         assert found is not None
@@ -102,7 +94,28 @@ def test_a_stretch_that_lies_elsewhere_is_left_out(known):
     path = carry(Floor.draw(8), along([(5, 0), (60, 0), (60, 60), (110, 60)]), seed=1)
     lost = path.position.copy()
     lost[path.distance_m > 120.0] += [15.0, 0.0, 0.0]
-    moved = type(path)(path.distance_m, path.t, lost, path.heading, path.field, path.seen)
-    found = locate(moved, known)
+    found = locate(replace(path, position=lost), known)
     assert found is not None
     assert np.linalg.norm(found.start[:2] - [5, 0]) < 1.5
+
+
+def test_the_jacobian_of_the_transform_is_its_derivative(known):
+    found = locate(carry(Floor.draw(8), PART, seed=1), known)
+    x, step = np.append(found.start, found.turn_rad + 0.3), 1e-5
+    jacobian = _linearize(found.pieces, x)[1]
+    for k, axis in enumerate(step * np.eye(4)):
+        ahead, behind = (_linearize(found.pieces, x + sign * axis)[0] for sign in (1.0, -1.0))
+        np.testing.assert_allclose(jacobian[:, k], (behind - ahead) / (2.0 * step), atol=1e-6)
+
+
+def test_errors_of_ties_average_out_over_a_piece_but_that_of_its_height(known):
+    pieces = locate(carry(Floor.draw(8), PART, seed=1), known).pieces
+    assert pieces.count.max() > 1.2
+    axes, one = yaw_rotation(pieces.heading), np.ones(len(pieces.count))
+    own = np.swapaxes(axes, 1, 2) @ pieces.tie_covariance @ axes
+    level = np.array([ALONG_SIGMA_M, LATERAL_SIGMA_M]) ** 2 / pieces.count[:, None]
+    expected = np.column_stack([level, UP_SIGMA_M**2 * one])
+    np.testing.assert_allclose(np.diagonal(own, axis1=1, axis2=2), expected)
+    drift = DRIFT.heading_rad(0.0 * one, pieces.walked_m) ** 2
+    heading = np.diag(_covariance_of(pieces))[3::4]
+    np.testing.assert_allclose(heading, HEADING_SIGMA_RAD**2 / pieces.count + drift)

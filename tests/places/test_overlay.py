@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fg_nav.places import SavedPlaces, Signature, locate, recognize_known
+from fg_nav.places import Signature, locate, recognize_known
 from fg_nav.places.alignment import USUAL_DECAY
 from fg_nav.places.overlay import HOP, MIN_DECAY, PIECE, find_decay, overlay_known
 from fg_nav.places.recognition import LONE_EXPECTED
 from fg_nav.places.signature import MIN_POINTS
-from tests.places.floors import EARTH, OPEN, Floor, along, carry
+from tests.places.floors import EARTH, OPEN, Floor, along, carry, save
 
 START = np.array([25.0, 0.2])
 PART = along([START, (60, 0.2), (60, 7)])
@@ -31,10 +31,6 @@ def walk(seed: int, place=PART) -> Signature:
     return carry(soft(seed), place, noise_uT=0.1, seed=1)
 
 
-def saved(path: Signature) -> SavedPlaces:
-    return SavedPlaces(path, np.full((len(path), 3), 0.1))
-
-
 def test_a_piece_is_found_where_it_lies_that_no_alignment_shows(known):
     for path, opposite, earlier in ((PART, False, 50.0), (PART[::-1], True, 133.0)):
         found = overlay_known(walk(8, path), known)
@@ -44,7 +40,7 @@ def test_a_piece_is_found_where_it_lies_that_no_alignment_shows(known):
         assert best.earlier[0] == pytest.approx(earlier, abs=1.0)
         assert found.chance.decay == USUAL_DECAY
     assert all(one.expected_false > LONE_EXPECTED for one in recognize_known(walk(8), known).stretches)
-    located = locate(walk(8), saved(known))
+    located = locate(walk(8), save(known))
     assert located is not None
     assert np.linalg.norm(located.start[:2] - START) < 1.0
 
@@ -52,7 +48,7 @@ def test_a_piece_is_found_where_it_lies_that_no_alignment_shows(known):
 def test_a_walk_on_another_floor_is_not_found(known):
     for seed in range(20, 26):
         assert all(one.expected_false > LONE_EXPECTED for one in overlay_known(walk(seed), known).stretches)
-        assert locate(walk(seed), saved(known)) is None
+        assert locate(walk(seed), save(known)) is None
 
 
 def test_iron_of_the_shoe_and_a_soft_one_change_nothing(known):
@@ -87,7 +83,7 @@ def test_a_walk_of_another_shape_is_not_located(known):
     straight = np.column_stack([path.distance_m, 0.0 * path.distance_m, path.position[:, 2]])
     unrolled = replace(path, position=straight)
     assert overlay_known(unrolled, known).stretches[0].expected_false < LONE_EXPECTED
-    assert locate(unrolled, saved(known)) is None
+    assert locate(unrolled, save(known)) is None
 
 
 def test_pieces_cover_a_long_walk_and_a_short_one_is_left(known):

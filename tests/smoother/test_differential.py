@@ -29,9 +29,8 @@ from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.strides import place_nodes
 from fg_nav.solution import Solution
-from fg_nav.truth import TrajectoryTruth
 from tests.linear import linear_factors
-from tests.smoother.walks import DEFAULT, demo, track_of
+from tests.smoother.walks import DEFAULT, demo, track_of, truth_of
 
 EARTH = np.array([1.0, 20.0, -43.0])
 NO_REST = RestParameters(shortest_s=math.inf, shortest_at_end_s=math.inf)
@@ -40,12 +39,6 @@ UNRESTED = replace(
 )
 """The differential field alone: no rest shows the bias, and no heading."""
 UP_BIAS_DEG_S = 0.4
-
-
-def truth_of(recording: Recording) -> TrajectoryTruth:
-    assert isinstance(recording.truth, TrajectoryTruth)
-    assert recording.truth.nav_R_body is not None
-    return recording.truth
 
 
 def waves(position: Floats) -> Floats:
@@ -152,10 +145,8 @@ def test_a_field_that_is_not_of_the_model_is_left_out() -> None:
     problem, values = solved_walk(replace(recording, mag=jump), UNRESTED)
     before = factors_of(with_factors(False)[0])
     after = factors_of(add_differential_field(problem, values, track_of(problem, values)))
-    assert (
-        after.stances.count.sum() + after.standings.count.sum()
-        < before.stances.count.sum() + before.standings.count.sum()
-    )
+    counts = [one.stances.count.sum() + one.standings.count.sum() for one in (after, before)]
+    assert counts[0] < counts[1]
 
 
 def test_what_contradicts_gravity_is_weakened_about_all_axes_and_nothing_else() -> None:

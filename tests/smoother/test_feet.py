@@ -5,14 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import X
+from scipy.linalg import cho_factor, cho_solve
 
 from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError
 from fg_nav.feet.person import FeetSolution
+from fg_nav.feet.steps import average_cells
 from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.lab.consistency import compute_stance_nees
 from fg_nav.lab.simulation import SimulatedFeet, simulate_feet
 from fg_nav.smoother import SmootherParameters, smooth
+from fg_nav.smoother import feet as feet_module
 from fg_nav.smoother.batch import WalkInput, fit_walk
 from fg_nav.smoother.feet import (
     REACH_M,
@@ -25,10 +28,12 @@ from fg_nav.smoother.feet import (
     pair_standing_feet,
     smooth_feet,
     solve_feet,
+    tie_feet,
 )
 from fg_nav.smoother.solver import find_minimum
 from fg_nav.smoother.square_root import DIMENSION
 from fg_nav.truth import TrajectoryTruth
+from tests.smoother.walks import truth_of
 
 SIDES = ("left", "right")
 
@@ -63,33 +68,28 @@ def begin(foot: WalkInput):
     return replace(walk.problem, values=walk.solved.values)
 
 
-def truth_of(walk: SimulatedFeet, side: str) -> TrajectoryTruth:
-    truth = walk.sides[side].recording.truth
-    assert isinstance(truth, TrajectoryTruth)
-    return truth
+def truth_at(walk: SimulatedFeet, side: str) -> TrajectoryTruth:
+    return truth_of(walk.sides[side].recording)
 
 
 def test_both_feet_are_found_in_one_frame_though_the_right_ones_start_is_not_known(
     walk: SimulatedFeet, both: FeetSolution
 ) -> None:
     """In the frame of the left foot both are where they are, within the sigmas of the person."""
-    origin = truth_of(walk, "left").position[0]
+    origin = truth_at(walk, "left").position[0]
     for side in SIDES:
-        table, truth = getattr(both, side).stances, truth_of(walk, side)
+        table, truth = getattr(both, side).stances, truth_at(walk, side)
         error = table.position - (truth.position[table.sample] - origin)
         assert np.sqrt(np.mean(error[:, :2] ** 2)) < 0.15
         turned = wrap_angle(compute_heading(table.nav_R_body) - compute_heading(truth.nav_R_body[table.sample]))
         assert np.abs(turned).max() < np.radians(3.0)
 
 
-def test_the_width_is_that_of_the_person(walk: SimulatedFeet, both: FeetSolution) -> None:
+def test_the_width_is_that_of_the_person_and_negative_where_the_feet_are_swapped(walk, feet, both) -> None:
     """The sensors sit up to some centimeters aside of the soles' middles."""
     assert both.width_m == pytest.approx(walk.step_width_m, abs=0.05)
     assert both.width_sigma_m < 0.05
     assert both.beyond_reach == 0
-
-
-def test_swapped_feet_show_a_negative_width(feet: dict[str, WalkInput], both: FeetSolution) -> None:
     swapped = smooth_feet(feet["left"], feet["right"])
     assert swapped.width_m < -3.0 * swapped.width_sigma_m
     # The prior of the width is that of feet that are not swapped.
@@ -107,13 +107,13 @@ def test_a_foot_claims_less_beside_the_other_and_its_claim_is_true(
     middle = len(alone.stances) // 2
     share = both.left.stances.heading_sigma[middle] / alone.stances.heading_sigma[middle]
     assert 0.65 < share < 0.95  # one over the root of two where the steps show the direction exactly
-    assert 0.0 < compute_stance_nees(both.left.stances, truth_of(walk, "left")).mean_ratio < 3.0
+    assert 0.0 < compute_stance_nees(both.left.stances, truth_at(walk, "left")).mean_ratio < 3.0
 
 
 def test_the_person_is_in_the_middle_and_as_uncertain_as_the_feet(walk: SimulatedFeet, both: FeetSolution) -> None:
     person = both.person
     middle = walk.person_at(person.t)
-    error = person.position - (middle.position - truth_of(walk, "left").position[0])
+    error = person.position - (middle.position - truth_at(walk, "left").position[0])
     assert np.sqrt(np.mean(error[:, :2] ** 2)) < 0.15
     moves = np.linalg.norm(person.velocity[:, :2], axis=1) > 0.5
     direction = np.arctan2(person.velocity[:, 0], person.velocity[:, 1])
@@ -143,28 +143,26 @@ def test_where_one_foot_was_not_recorded_the_person_goes_as_the_other_one(
         assert person.stances.t[-1] > both.person.t[-1] - 8.0
 
 
-class DenseCovariance:
-    """Of variables in the order of their elimination, by the whole information matrix."""
+def find_dense_covariance(system, values, keys):
+    """Joint covariances of some variables, in the order of elimination `keys`, by the whole information matrix."""
+    size, order = np.array([DIMENSION[int(key) >> 56] for key in keys]), np.argsort(keys)
+    begin = np.cumsum(size) - size
+    information = np.zeros((size.sum(), size.sum()))
+    for stack in system.stack(values):
+        for row, at in zip(stack.rows, order[np.searchsorted(keys[order], stack.keys)], strict=True):
+            columns = np.concatenate([np.arange(begin[k], begin[k] + size[k]) for k in at])
+            information[np.ix_(columns, columns)] += row[:, :-1].T @ row[:, :-1]
+    scale = np.sqrt(np.diag(information))
+    factor = cho_factor(information / np.outer(scale, scale))
 
-    def __init__(self, stacks, keys) -> None:
-        size, order = np.array([DIMENSION[int(key) >> 56] for key in keys]), np.argsort(keys)
-        self.keys, self.size, self.begin = keys, size, np.cumsum(size) - size
-        self.information = np.zeros((size.sum(), size.sum()))
-        for stack in stacks:
-            place = order[np.searchsorted(keys[order], stack.keys)]
-            for row, at in zip(stack.rows, place, strict=True):
-                columns = np.concatenate([self._columns(k) for k in at])
-                self.information[np.ix_(columns, columns)] += row[:, :-1].T @ row[:, :-1]
-
-    def _columns(self, k: int):
-        return np.arange(self.begin[k], self.begin[k] + self.size[k])
-
-    def find(self, of) -> np.ndarray:
-        """Joint covariance of some variables."""
-        at = np.concatenate([self._columns(int(np.flatnonzero(self.keys == key)[0])) for key in of])
-        unit = np.zeros((len(self.information), len(at)))
+    def find(of) -> np.ndarray:
+        which = [int(np.flatnonzero(keys == key)[0]) for key in of]
+        at = np.concatenate([np.arange(begin[k], begin[k] + size[k]) for k in which])
+        unit = np.zeros((len(scale), len(at)))
         unit[at, range(len(at))] = 1.0
-        return np.linalg.solve(self.information, unit)[at]
+        return cho_solve(factor, unit)[at] / np.outer(scale[at], scale[at])
+
+    return find
 
 
 def assert_like(found, dense) -> None:
@@ -181,8 +179,8 @@ def test_where_no_steps_tie_the_feet_pairs_of_footfalls_hold_what_they_differ_by
     assert len(ties) > ties.cells + 3
     assert ties.cells == solved.problem.ties.cells
     assert watched.minimum.error == pytest.approx(solved.minimum.error, rel=1e-9)
-    stacks = watched.problem.system.stack(watched.minimum.linearized_at)
-    dense = DenseCovariance(stacks, order_variables(watched.problem))
+    keys = order_variables(watched.problem)
+    dense = find_dense_covariance(watched.problem.system, watched.minimum.linearized_at, keys)
     shared = np.zeros((watched.minimum.root.total, 0))
     tables, apart = _take_covariances(watched, shared)
     by_itself = _subtract_left(
@@ -190,13 +188,27 @@ def test_where_no_steps_tie_the_feet_pairs_of_footfalls_hold_what_they_differ_by
     )
     np.testing.assert_allclose(apart, by_itself, rtol=1e-9, atol=1e-15)
     for k in (0, ties.cells - 1, ties.cells, len(ties) - 1):
-        joint = dense.find(_pair_keys(ties.pairs.right, ties.pairs.left)[k])
+        joint = dense(_pair_keys(ties.pairs.right, ties.pairs.left)[k])
         assert_like(tables[0][ties.right[k]], joint[:6, :6])
         assert_like(tables[1][ties.left[k]], joint[6:, 6:])
         assert_like(apart[k], _subtract_left(watched, np.tile(joint, (len(ties), 1, 1)))[k])
     free = np.setdiff1d(np.arange(len(tables[0]) - 1), ties.right)[5]
     key = np.uint64(X(int(watched.problem.right.nodes.result[free]))) + RIGHT
-    assert_like(tables[0][free], dense.find(np.array([key])))
+    assert_like(tables[0][free], dense(np.array([key])))
+
+
+def test_between_ties_that_are_far_apart_a_pair_is_watched_every_15_s(
+    solved: SolvedFeet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = solved.problem
+    monkeypatch.setattr(feet_module, "average_cells", lambda *feet: average_cells(*feet).take(np.array([0])))
+    ties = tie_feet(problem.right, problem.left, solved.minimum.values)
+    t = [one.recording.t[one.nodes.sample[one.nodes.result]] for one in (problem.right, problem.left)]
+    at = np.stack([t[0][ties.right], t[1][ties.left]], axis=1) - max(one[0] for one in t)
+    # A standing and a cell at the start tie the feet; later moments are half a minute and more behind them.
+    assert at[: ties.cells + 1].max() < 10.0
+    np.testing.assert_allclose(at[ties.cells + 1 :].mean(axis=1), [30.0, 45.0], atol=2.0)
+    assert np.abs(np.diff(at, axis=1)).max() < 1.5
 
 
 def test_standing_feet_beyond_reach_are_found_and_pulled_together(solved: SolvedFeet) -> None:

@@ -31,6 +31,8 @@ from fg_nav.smoother.field_factors import (
     FieldPath,
     FieldRoughness,
     Roughness,
+    compass_sigma,
+    weigh_compass,
 )
 from fg_nav.smoother.parameters import FieldParameters
 from tests.factors.attitudes import eliminated, pose, values_of
@@ -150,54 +152,6 @@ def about_up(values: gtsam.Values, key: int, angle: float) -> gtsam.Values:
     one = values.atPose3(key)
     moved.update(key, gtsam.Pose3(gtsam.Rot3(yaw_rotation(angle) @ one.rotation().matrix()), one.translation()))
     return moved
-
-
-def slopes(walked: Walked, values: gtsam.Values) -> dict[int, Floats]:
-    """Slope of the error by each number of each pose and state."""
-    found = {}
-    for key in [*(X(2 * k) for k in range(walked.count)), *(M(k) for k in range(walked.count))]:
-        size = values.dims()[key]
-        found[key] = np.zeros(size)
-        for i, axis in enumerate(np.eye(size)):
-            errors = []
-            for step in (-STEP, STEP):
-                delta = gtsam.VectorValues()
-                delta.insert(key, step * axis)
-                errors.append(error_of(walked.factors, values.retract(delta)))
-            found[key][i] = (errors[1] - errors[0]) / (2 * STEP)
-    return found
-
-
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("part", ["both", "compass", "potential"])
-def test_jacobians_are_the_derivatives_of_the_error(seed: int, part: str) -> None:
-    """By the whole pose, also where its tilt is not the one that levels the field."""
-    used = np.full(4, part != "potential")
-    walked = Walked(seed, p=replace(P, potential=part != "compass"), used=used)
-    values = walked.values(off=1.0)
-    gradient, expected = walked.linear(values).gradientAtZero(), slopes(walked, values)
-    scale = {letter: max(np.abs(e).max() for key, e in expected.items() if key >> 56 == ord(letter)) for letter in "xm"}
-    for key, slope in expected.items():
-        np.testing.assert_allclose(gradient.at(key), slope, atol=1e-5 * scale[chr(key >> 56)])
-    assert scale["x"] > 1.0
-    assert (np.abs([expected[M(k)] for k in range(walked.count)]).max(axis=0) > 1e-3).all()
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_the_field_tilts_and_shifts_no_pose(seed: int) -> None:
-    """What they know of a pose is one direction: the turn about up. Headings may differ from those that level."""
-    walked = Walked(seed)
-    values = walked.values()
-    for k in range(walked.count):
-        values = about_up(values, X(2 * k), walked.rng.normal(0.0, 0.3))
-        values.update(M(k), values.atVector(M(k)) + walked.rng.standard_normal(SIZE))
-    information = walked.linear(values).hessian(walked.order())[0]
-    for k in range(walked.count):
-        of_pose = information[6 * k : 6 * k + 6, 6 * k : 6 * k + 6]
-        up = np.concatenate([values.atPose3(X(2 * k)).rotation().matrix()[2], np.zeros(3)])
-        known = up @ of_pose @ up
-        assert known > 1.0
-        np.testing.assert_allclose(of_pose, known * np.outer(up, up), atol=1e-9 * known)
 
 
 def tail(x: float) -> float:
@@ -394,14 +348,7 @@ def test_a_footfall_without_a_field_is_passed_over() -> None:
     assert error_of(factors, walked.values()) < 1e-18
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_one_by_one_they_are_the_same(seed: int) -> None:
-    """As factors of gtsam, for iSAM2: error, information and gradient."""
-    walked = Walked(seed, used=np.array([True, True, False, True]))
-    values, graph = walked.values(off=0.3), gtsam.NonlinearFactorGraph()
-    for factor in chain.from_iterable(block.factors() for block in walked.factors.blocks):
-        graph.push_back(factor)
-    assert graph.error(values) == pytest.approx(error_of(walked.factors, values), rel=1e-9)
-    (A, b), (C, d) = graph.linearize(values).jacobian(walked.order()), walked.linear(values).jacobian(walked.order())
-    np.testing.assert_allclose(A.T @ A, C.T @ C, rtol=1e-9, atol=1e-6)
-    np.testing.assert_allclose(A.T @ b, C.T @ d, rtol=1e-9, atol=1e-6)
+def test_a_compass_counts_by_its_variance_and_for_no_more_than_one_of_the_walk() -> None:
+    sigma = compass_sigma(np.array([0.0, 1.0, 4.0, np.inf]), ROUGH)
+    np.testing.assert_allclose(sigma, np.hypot(COMPASS_SIGMA_UT, ROUGH.white_uT * np.array([0.0, 1.0, 2.0, np.inf])))
+    np.testing.assert_allclose(weigh_compass(sigma, ROUGH), [1.0, 1.0, (sigma[1] / sigma[2]) ** 2, 0.0])

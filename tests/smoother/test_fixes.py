@@ -1,32 +1,32 @@
 """Fixes: where they are used, what they do to the heading at the start, and which are refused."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 
+import gtsam
 import numpy as np
 import pytest
+from gtsam.symbol_shorthand import L
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
-from fg_nav.frames import yaw_rotation
+from fg_nav.factors import guarded_factor
+from fg_nav.frames import compute_heading, yaw_rotation
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.recording import Recording
-from fg_nav.smoother import constraints, smooth
-from fg_nav.smoother.constraints import FIX_SPEED_M_S, pin_to_times
+from fg_nav.smoother import ExtraFactors, GraphNodes, SmoothedWalk, smooth, smooth_graph
+from fg_nav.smoother.constraints import FIX_SPEED_M_S, KnownTies, pin_to_times, select_reached_fixes
 from fg_nav.smoother.parameters import WalkParameters
-from fg_nav.smoother.strides import place_nodes
 from fg_nav.solution import Solution
 from fg_nav.truth import Fix
-from tests.smoother.walks import DEFAULT, Walk, demo
+from tests.smoother.walks import DEFAULT, Walk, demo, part, smoothed
 
 P = WalkParameters()
-TURN_DEG = 130.0  # From the frame in which a walk starts with heading zero to the fixes' frame.
 
 
-@cache
 def inertial() -> Solution:
-    return smooth(demo().recording, demo().stances, DEFAULT)
+    return smoothed()
 
 
 def truth_from_start(walk: Walk) -> Floats:
@@ -79,17 +79,11 @@ def test_the_walk_goes_through_its_fixes_and_is_nearer_to_the_truth_between_them
     assert np.linalg.norm(found.stances.position[0]) < 1e-3
 
 
-@pytest.mark.parametrize("turn_deg", [TURN_DEG, -50.0, 180.0])
-def test_a_heading_that_is_not_given_comes_from_the_fixes(turn_deg: float) -> None:
-    fixes = fixes_at([20, 30], turn_deg, sigma=0.02)
-    found = with_fixes(fixes)
+@pytest.mark.parametrize(("turn_deg", "heading"), [(130.0, None), (180.0, None), (4.0, 0.0)])
+def test_a_heading_that_is_not_given_comes_from_the_fixes_and_one_given_wrongly_gives_way(turn_deg, heading) -> None:
+    found = with_fixes(fixes_at([20, 30], turn_deg, sigma=0.02), heading)
     assert errors(found, turn_deg).max() < 0.25
     assert np.degrees(found.stances.heading_sigma[0]) < 1.2
-
-
-def test_a_heading_that_was_given_wrongly_gives_way() -> None:
-    found = with_fixes(fixes_at([20, 30], 4.0), heading=0.0)
-    assert errors(found, 4.0).max() < 0.25
 
 
 def test_a_fix_at_the_start_leaves_the_heading_as_it_is_by_definition() -> None:
@@ -126,41 +120,185 @@ def test_where_fixes_show_north_the_direction_of_the_field_is_found() -> None:
     assert float(note.split(",")[1].split()[0]) == pytest.approx(-west_deg, abs=0.6)
 
 
-def test_sigma_grows_by_walking_pace_between_fix_and_node() -> None:
-    nodes = place_nodes(demo().recording, demo().stances, DEFAULT)
-    t = demo().recording.t
-    node = int(nodes.first[5]) - 1
-    at, later = (Fix(float(t[nodes.sample[node]]) + dt, np.ones(3), 0.1) for dt in (0.0, 0.05))
-    pinned = pin_to_times([at, later], t[nodes.sample])
-    assert list(pinned.node) == [node, node]
-    np.testing.assert_allclose(pinned.horizontal, [0.1, np.hypot(0.1, 0.05 * FIX_SPEED_M_S)])
-
-
-def refused(fix: Fix) -> str:
-    with pytest.raises(EstimationError) as caught:
-        with_fixes([fix])
-    assert str(caught.value).count(". ") == 0
-    return str(caught.value)
-
-
-@pytest.mark.parametrize("time_s", [-100.0, 1000.0, np.nan])
-def test_a_fix_outside_the_walk_is_refused(time_s: float) -> None:
-    assert "outside the walk" in refused(Fix(time_s, np.zeros(3), 1.0))
-
-
-def test_a_fix_far_from_any_footfall_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    nodes = place_nodes(demo().recording, demo().stances, DEFAULT)
-    t = demo().recording.t[nodes.sample]
-    gap = int(np.argmax(np.diff(t)))
-    fix = Fix(float(t[gap] + t[gap + 1]) / 2, np.zeros(3), 1.0)
-    monkeypatch.setattr(constraints, "FIX_REACH_S", 0.05)
-    assert "farther than a stride" in refused(fix)
+def test_fixes_and_own_factors_join_the_nearest_node_within_reach_and_their_sigma_grows_by_walking_pace() -> None:
+    t_node, apart = np.array([0.0, 1.0, 4.5, 5.0]), np.array([0.0, 0.05, -0.2, 1.49])
+    fixes = [Fix(float(t), np.ones(3), 0.1, 0.3) for t in np.array([1.0, 1.0, 5.0, 1.0]) + apart]
+    pinned = pin_to_times(fixes, t_node)
+    assert list(pinned.node) == [1, 1, 3, 1]
+    np.testing.assert_allclose(pinned.horizontal, np.hypot(0.1, FIX_SPEED_M_S * apart))
+    np.testing.assert_allclose(pinned.vertical, 0.3)
+    late = replace(fixes[0], time_s=2.52)
+    with pytest.raises(EstimationError, match="farther than a stride"):
+        pin_to_times([late], t_node)
+    assert select_reached_fixes([*fixes, late], t_node) == tuple(fixes)
+    assert select_reached_fixes(fixes, t_node[:2]) == (fixes[0],)  # the others are later than the walk
+    assert select_reached_fixes(fixes, t_node, after_s=1.0) == tuple(fixes[1:])
+    nodes = smooth_graph(part(demo(), 4).recording, part(demo(), 4).stances).nodes
+    assert [nodes.at(float(t)) for t in (nodes.t[3], nodes.t[3] + 1e-3, nodes.t[-1] + 1.49)] == [3, 3, len(nodes.t) - 1]
+    with pytest.raises(EstimationError, match=r"no node within 1\.5 s"):
+        nodes.at(float(nodes.t[-1]) + 1.51)
 
 
 @pytest.mark.parametrize(
-    "fix",
-    [Fix(5.0, np.full(3, np.nan), 1.0), Fix(5.0, np.zeros(3), 0.0), Fix(5.0, np.zeros(3), 1.0, -1.0)],
-    ids=["no place", "no sigma", "negative sigma"],
+    ("fix", "words"),
+    [
+        (Fix(-100.0, np.zeros(3), 1.0), "outside the walk"),
+        (Fix(1000.0, np.zeros(3), 1.0), "outside the walk"),
+        (Fix(np.nan, np.zeros(3), 1.0), "outside the walk"),
+        (Fix(5.0, np.full(3, np.nan), 1.0), "finite position and sigmas above zero"),
+        (Fix(5.0, np.zeros(3), 0.0), "finite position and sigmas above zero"),
+        (Fix(5.0, np.zeros(3), 1.0, -1.0), "finite position and sigmas above zero"),
+    ],
 )
-def test_a_fix_without_place_or_sigma_is_refused(fix: Fix) -> None:
-    assert "finite position and sigmas above zero" in refused(fix)
+def test_a_fix_outside_the_walk_or_without_place_or_sigma_is_refused(fix: Fix, words: str) -> None:
+    with pytest.raises(EstimationError, match=words) as caught:
+        with_fixes([fix])
+    assert str(caught.value).count(". ") == 0
+
+
+# --- places known from an earlier walk
+
+
+SHIFT, TURN = np.array([1.0, -0.7, 0.3]), np.deg2rad(12.0)
+TIE_SIGMA_M = 0.2
+
+
+def tie(every: int, arm: np.ndarray = np.zeros(3)) -> KnownTies:
+    """Tie every so many-th footfall, by a point next to it, to its place on a path that is moved and turned."""
+    table = inertial().stances
+    rows = np.arange(0, len(table), every)
+    point = table.position[rows] + np.einsum("kij,j->ki", table.nav_R_body[rows], arm)
+    place = SHIFT + point @ yaw_rotation(TURN).T
+    count = len(rows)
+    return KnownTies(table.t[rows], np.tile(arm, (count, 1)), place, np.tile(TIE_SIGMA_M**2 * np.eye(3), (count, 1, 1)))
+
+
+def with_ties(ties: KnownTies) -> Solution:
+    return smooth(demo().recording, demo().stances, heading=0.0, known=ties)
+
+
+def test_start_and_heading_follow_the_known_places_and_their_sigma() -> None:
+    free = inertial()
+    for arm in (np.zeros(3), np.array([0.4, -0.8, 0.1])):  # at the footfalls, and next to them
+        tied = with_ties(tie(5, arm))
+        assert tied.stances.position == pytest.approx(SHIFT + free.stances.position @ yaw_rotation(TURN).T, abs=0.05)
+        turned = compute_heading(free.stances.nav_R_body) - compute_heading(tied.stances.nav_R_body)
+        assert np.angle(np.exp(1j * (turned - TURN))) == pytest.approx(0.0, abs=np.deg2rad(0.5))
+        assert tied.graph["known_place"] == len(tie(5).t)
+    few, many = (with_ties(tie(every)).stances for every in (20, 2))
+    assert (many.position_sigma[0] < few.position_sigma[0]).all()
+    assert (few.position_sigma[0, :2] < 1.5 * TIE_SIGMA_M).all()
+    assert many.position_sigma[0, 0] > TIE_SIGMA_M / np.sqrt(len(many) / 2)
+    assert free.stances.position_sigma[0].max() < 0.01
+    assert few.heading_sigma[0] > free.stances.heading_sigma[0]
+
+
+# --- factors of the caller's own
+
+
+SIGMA_M = 0.05
+FOOTFALLS = 16
+
+
+def join(extra: ExtraFactors | None = None, heading: float | None = 0.0, fixes: Sequence[Fix] = ()) -> SmoothedWalk:
+    walk = part(demo(), FOOTFALLS)
+    return smooth_graph(walk.recording, walk.stances, DEFAULT, heading, fixes=fixes, extra=extra)
+
+
+@cache
+def free() -> Solution:
+    return join().solution
+
+
+@cache
+def fixed(heading: float | None) -> Solution:
+    fix = Fix(float(free().stances.t[-1]), place(), SIGMA_M, SIGMA_M)
+    return join(heading=heading, fixes=[fix]).solution
+
+
+def place() -> Floats:
+    """Of the last footfall, to pin it to: a step to the side of where it is without."""
+    return free().stances.position[-1] + np.array([0.3, -0.2, 0.1])
+
+
+def joined(*factors: gtsam.NonlinearFactor) -> gtsam.NonlinearFactorGraph:
+    graph = gtsam.NonlinearFactorGraph()
+    for factor in factors:
+        graph.push_back(factor)
+    return graph
+
+
+def last_of(nodes: GraphNodes) -> int:
+    return nodes.pose[nodes.stillest[-1]]
+
+
+def at_place(nodes: GraphNodes) -> gtsam.NonlinearFactorGraph:
+    return joined(gtsam.GPSFactor(last_of(nodes), place(), gtsam.noiseModel.Isotropic.Sigma(3, SIGMA_M)))
+
+
+def at_place_in_python(nodes: GraphNodes) -> gtsam.NonlinearFactorGraph:
+    key = last_of(nodes)
+
+    def evaluate(values: gtsam.Values, _: bool) -> tuple[Floats, list[Floats]]:
+        pose = values.atPose3(key)
+        return pose.translation() - place(), [np.hstack([np.zeros((3, 3)), pose.rotation().matrix()])]
+
+    noise = gtsam.noiseModel.Isotropic.Sigma(3, SIGMA_M)
+    return joined(guarded_factor("a place", [key], [6], noise, evaluate))
+
+
+@pytest.mark.parametrize("heading", [0.0, None], ids=["heading given", "heading not given"])
+@pytest.mark.parametrize("extra", [at_place, at_place_in_python])
+def test_a_position_is_worth_what_a_fix_there_is(extra: ExtraFactors, heading: float | None) -> None:
+    own, table = join(extra, heading).solution, fixed(heading).stances
+    np.testing.assert_allclose(own.stances.position, table.position, atol=1e-3)
+    np.testing.assert_allclose(own.stances.position_cov, table.position_cov, rtol=2e-2, atol=1e-7)
+    np.testing.assert_allclose(own.stances.heading_sigma, table.heading_sigma, rtol=2e-2)
+    assert own.graph["own"] == 1
+    assert np.abs(own.stances.position[-1] - place()).max() < 2 * SIGMA_M
+
+
+def test_a_start_that_is_known_elsewhere_turns_the_walk() -> None:
+    """A walk without a heading is turned to its factors, however far."""
+    table = free().stances
+    turned = table.position[[8, -1]] @ np.array([[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]])
+
+    def along(nodes: GraphNodes) -> gtsam.NonlinearFactorGraph:
+        noise = gtsam.noiseModel.Isotropic.Sigma(3, SIGMA_M)
+        keys = [nodes.pose[nodes.at(float(t))] for t in table.t[[8, -1]]]
+        return joined(*(gtsam.GPSFactor(key, at, noise) for key, at in zip(keys, turned, strict=True)))
+
+    found = join(along, heading=None).solution
+    np.testing.assert_allclose(found.stances.position[[8, -1]], turned, atol=2 * SIGMA_M)
+
+
+def test_the_graph_at_hand_is_the_one_that_was_solved() -> None:
+    walk = join(at_place)
+    gradient = walk.graph.linearize(walk.values).gradientAtZero()
+    curvature = walk.find_covariance(last_of(walk.nodes))
+    step = np.sqrt(np.diag(curvature)) * np.abs(gradient.at(last_of(walk.nodes)))
+    assert step.max() < 0.05  # sigmas from the minimum
+    nav_R_body = walk.solution.stances.nav_R_body[-1]
+    np.testing.assert_allclose(
+        nav_R_body @ curvature[3:, 3:] @ nav_R_body.T, walk.solution.stances.position_cov[-1], rtol=1e-9
+    )
+    with pytest.raises(EstimationError, match="no variable l3"):
+        walk.find_covariance(L(3))
+
+
+UNIT, NOWHERE = gtsam.noiseModel.Unit.Create(3), np.full(3, np.nan)
+
+
+REFUSED: dict[str, Callable[[GraphNodes], object]] = {
+    "returned a list: return a gtsam.NonlinearFactorGraph": lambda nodes: [at_place(nodes).at(0)],
+    "joins l7, which is no variable of this walk": lambda _: joined(gtsam.GPSFactor(L(7), np.zeros(3), UNIT)),
+    "cannot be linearized": lambda nodes: joined(gtsam.GPSFactor(nodes.velocity[0], np.zeros(3), UNIT)),
+    "error of extra factor 0 is nan": lambda nodes: joined(gtsam.GPSFactor(nodes.pose[0], NOWHERE, UNIT)),
+    "extra factor 0 joins no variable": lambda _: joined(gtsam.CustomFactor(UNIT, [], lambda *_: np.zeros(3))),
+}
+
+
+def test_what_cannot_join_is_refused() -> None:
+    for words, extra in REFUSED.items():
+        with pytest.raises(EstimationError, match=words):
+            join(extra)  # type: ignore[arg-type]

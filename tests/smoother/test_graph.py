@@ -1,5 +1,7 @@
 """Dead reckoning that stops at every node: near enough for Gauss-Newton."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -7,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from fg_nav.detection.stance import Stances
 from fg_nav.frames import GRAVITY_M_S2, compute_heading, level_attitude
 from fg_nav.recording import Recording
-from fg_nav.smoother.graph import initial_values
+from fg_nav.smoother.graph import dense_trajectory, initial_values
 from fg_nav.smoother.strides import place_nodes
 from tests.simulated import RIGID
 from tests.smoother.walks import DEFAULT, Walk, degrees_between, node_arrays, noise_free
@@ -57,3 +59,74 @@ def test_behind_a_hole_the_foot_is_tilted_as_its_force_says() -> None:
     values = initial_values(recording, stances, nodes, np.eye(3), np.zeros(3), GRAVITY_M_S2)
     attitude = node_arrays(nodes, values)[2]
     np.testing.assert_allclose(attitude[:, 2], acc[nodes.sample] / GRAVITY_M_S2, atol=0.01)
+
+
+# --- the dense trajectory
+
+
+RATE = 200.0
+SAMPLE = np.array([130, 150, 151, 420, 700, 1000, 1013, 1700])
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    return noise_free(RIGID).recording.slice(400, 2400)
+
+
+@pytest.fixture(scope="module")
+def truth(recording: Recording) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Position, velocity and attitude by integration of the samples from the truth at the first one."""
+    here = np.searchsorted(recording.truth.t, recording.t[:1])
+    zero = np.zeros((1, 3))
+    start = recording.truth.position[here], zero, recording.truth.nav_R_body[here]
+    return dense_trajectory(recording, np.array([0]), *start, zero, zero, GRAVITY_M_S2)
+
+
+def moved(truth, seed: int):
+    """States at the nodes, each 2 cm, 2 cm/s and half a degree off the integrated ones."""
+    rng, (p, v, R) = np.random.default_rng(seed), (states[SAMPLE] for states in truth)
+    turn = Rotation.from_rotvec(np.radians(0.5) * rng.standard_normal((len(SAMPLE), 3))).as_matrix()
+    shift, kick = 0.02 * rng.standard_normal((2, len(SAMPLE), 3))
+    return p + shift, v + kick, R @ turn
+
+
+def dense(recording: Recording, states, gyro_bias: np.ndarray = np.zeros(3), acc_bias: np.ndarray = np.zeros(3)):
+    biases = [np.tile(bias, (len(SAMPLE), 1)) for bias in (gyro_bias, acc_bias)]
+    return dense_trajectory(recording, SAMPLE, *states, *biases, GRAVITY_M_S2)
+
+
+def test_it_passes_through_every_node_and_velocity_is_the_derivative_of_position(recording: Recording, truth) -> None:
+    """Over each period the path moves by the mean velocity, but for the change of acceleration in a period."""
+    states = moved(truth, 2)
+    found = dense(recording, states)
+    for state, dense_state in zip(states, found, strict=True):
+        np.testing.assert_allclose(dense_state[SAMPLE], state, atol=1e-9)
+    p, v, _ = found
+    missing = np.diff(p, axis=0) * RATE - 0.5 * (v[1:] + v[:-1])
+    missing[150] = 0.0  # two nodes a period apart, 2 cm from where they should be: nothing lies between
+    assert np.linalg.norm(missing, axis=1).max() < 0.006
+    assert np.linalg.norm(v, axis=1).max() > 4.0
+
+
+def test_biases_are_taken_off(recording: Recording, truth) -> None:
+    """But for the hundredths of a millimetre by which a bias changes coning and sculling."""
+    gyro, acc = np.array([0.01, -0.02, 0.03]), np.array([0.1, 0.2, -0.3])
+    biased = replace(recording, acc=recording.acc + acc, gyr=recording.gyr + gyro)
+    found = dense(biased, [states[SAMPLE] for states in truth], gyro, acc)
+    for integrated, dense_states in zip(truth, found, strict=True):
+        np.testing.assert_allclose(dense_states, integrated, atol=5e-5)
+
+
+def test_corrections_are_smooth(recording: Recording, truth) -> None:
+    """The path less the integrated one begins with nothing and grows without a step; so do velocity and attitude."""
+    states, between = moved(truth, 5), slice(SAMPLE[3], SAMPLE[4] + 1)
+    p, v, R = (one[between] for one in dense(recording, states))
+    from_node = [state[3:4] for state in states]
+    own = dense_trajectory(recording, SAMPLE[3:4], *from_node, *np.zeros((2, 1, 3)), GRAVITY_M_S2)
+    shift, kick, turn = p - own[0][between], v - own[1][between], degrees_between(own[2][between], R)
+    for correction in (shift, kick, turn[:, None]):
+        size = np.linalg.norm(correction, axis=1)
+        assert size[0] == pytest.approx(0.0, abs=1e-9)
+        assert np.linalg.norm(np.diff(correction, axis=0), axis=1).max() < 6.0 * size.max() / len(size)
+    # the correction of velocity is the derivative of that of position
+    np.testing.assert_allclose(np.gradient(shift, 1 / RATE, axis=0)[1:-1], kick[1:-1], atol=1e-4)

@@ -1,7 +1,6 @@
 """The smoother as a whole: what must not change the result does not, and what it claims is true."""
 
 from dataclasses import asdict, replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -10,19 +9,33 @@ from scipy.stats import chi2
 
 from fg_nav.detection import detect_stances
 from fg_nav.detection.stance import Stances
+from fg_nav.ekf import run_iez
 from fg_nav.errors import EstimationError
 from fg_nav.evaluation import evaluate
 from fg_nav.frames import GRAVITY_M_S2, yaw_rotation
 from fg_nav.lab.consistency import Consistency, compute_stance_nees
 from fg_nav.lab.simulation import simulate
-from fg_nav.recording import Recording
+from fg_nav.lab.walked import measure_walk
+from fg_nav.recording import RawRecording, Recording
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.parameters import PLAIN
 from fg_nav.smoother.problem import LEVELS
 from fg_nav.solution import Solution
-from fg_nav.truth import Fix
+from tests.real_data import needs_data
 from tests.simulated import INDUSTRIAL, LEVER, QUIET, RIGID, corridor, every_gait
-from tests.smoother.walks import DEFAULT, FREE, Walk, degrees_between, demo, noise_free
+from tests.smoother.walks import (
+    DEFAULT,
+    FREE,
+    Walk,
+    degrees_between,
+    demo,
+    gdin,
+    noise_free,
+    openshoe,
+    smoothed,
+    truth_of,
+    vicon,
+)
 
 SEEDS = range(8)
 SURELY = chi2.ppf(0.95, 3)  # NEES of a position that 95 % are below.
@@ -41,62 +54,48 @@ MATCHED = replace(
 )
 """The simulated sensor's own noise, and a foot that rolls about one point, on a sole that is all but known."""
 
-MATCHED_WALK = replace(MATCHED, settling_sigma_m=DEFAULT.settling_sigma_m)  # The same on a sole that is not.
-
-
-@cache
-def smoothed(seed: int = 0, p: SmootherParameters = DEFAULT, rate_hz: float = 200.0) -> Solution:
-    walk = demo(seed, rate_hz)
-    return smooth(walk.recording, walk.stances, p)
-
 
 def assert_same_path(
     found: Solution, expected: Solution, turn: np.ndarray, metres: float = 1e-6, share: float = 1e-5
 ) -> None:
     """The path `found` is the path `expected` turned as a whole, with its covariances to within a share of them."""
-    np.testing.assert_allclose(found.position, expected.position @ turn.T, atol=metres)
+    for one, other in ((found, expected), (found.stances, expected.stances)):
+        np.testing.assert_allclose(one.position, other.position @ turn.T, atol=metres)
     np.testing.assert_allclose(found.velocity, expected.velocity @ turn.T, atol=metres)
-    np.testing.assert_allclose(found.stances.position, expected.stances.position @ turn.T, atol=metres)
     covariance = turn @ expected.stances.position_cov @ turn.T
     np.testing.assert_allclose(found.stances.position_cov, covariance, atol=share * np.abs(covariance).max())
     np.testing.assert_allclose(found.stances.heading_sigma, expected.stances.heading_sigma, rtol=10 * share)
 
 
-@pytest.mark.parametrize("heading", [1.0, -2.5, np.pi])
-def test_heading_turns_the_walk_as_a_whole(heading: float) -> None:
+def test_heading_turns_the_walk_as_a_whole_and_the_hour_does_not_matter() -> None:
     walk, north = demo(), smoothed()
-    turned = smooth(walk.recording, walk.stances, heading=heading)
-    turn = yaw_rotation(-heading)
-    assert_same_path(turned, north, turn)
-    np.testing.assert_allclose(turned.nav_R_body, turn @ north.nav_R_body, atol=1e-6)
-    np.testing.assert_allclose(turned.stances.gyro_bias, north.stances.gyro_bias, atol=1e-9)
-
-
-def test_the_hour_does_not_matter() -> None:
-    walk = demo()
+    for heading in (1.0, -2.5):
+        turned, turn = smooth(walk.recording, walk.stances, heading=heading), yaw_rotation(-heading)
+        assert_same_path(turned, north, turn)
+        np.testing.assert_allclose(turned.nav_R_body, turn @ north.nav_R_body, atol=1e-6)
+        np.testing.assert_allclose(turned.stances.gyro_bias, north.stances.gyro_bias, atol=1e-9)
     later = replace(walk.recording, t=walk.recording.t + 4096.0)
     found = smooth(later, walk.stances)
-    assert_same_path(found, smoothed(), np.eye(3))
+    assert_same_path(found, north, np.eye(3))
     np.testing.assert_array_equal(found.t, later.t)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_mounting_does_not_matter(seed: int) -> None:
     """A sensor mounted otherwise has other axes; the foot walks the same way, but for which axis points north."""
     walk, expected = demo(), smoothed()
     mounted_R_body = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
     r = walk.recording
-    other = replace(r, acc=r.acc @ mounted_R_body.T, gyr=r.gyr @ mounted_R_body.T)
-    found = smooth(other, walk.stances)
+    found = smooth(replace(r, acc=r.acc @ mounted_R_body.T, gyr=r.gyr @ mounted_R_body.T), walk.stances)
     attitude = found.nav_R_body @ mounted_R_body
     turn = attitude[0] @ expected.nav_R_body[0].T
     assert turn[2, 2] == pytest.approx(1.0, abs=1e-6)
     assert_same_path(found, expected, turn, metres=1e-3, share=1e-3)
     np.testing.assert_allclose(attitude, turn @ expected.nav_R_body, atol=1e-4)
     np.testing.assert_allclose(found.stances.gyro_bias @ mounted_R_body, expected.stances.gyro_bias, atol=1e-6)
-    sigma = np.linalg.norm(expected.stances.gyro_bias_sigma, axis=1)
     # a rest counts with the noise of its noisiest axis
-    np.testing.assert_allclose(np.linalg.norm(found.stances.gyro_bias_sigma, axis=1), sigma, rtol=3e-3)
+    sigmas = [np.linalg.norm(one.stances.gyro_bias_sigma, axis=1) for one in (found, expected)]
+    np.testing.assert_allclose(*sigmas, rtol=3e-3)
 
 
 def errors(walk: Walk, solution: Solution) -> np.ndarray:
@@ -105,7 +104,7 @@ def errors(walk: Walk, solution: Solution) -> np.ndarray:
     return solution.position - (truth.position - truth.position[0])
 
 
-@pytest.mark.parametrize("rate_hz", [100.0, 200.0, 400.0])
+@pytest.mark.parametrize("rate_hz", [100.0, 400.0])
 def test_a_walk_without_noise_is_reproduced(rate_hz: float) -> None:
     """To millimetres over the ground after 77 m, at any rate: the motion within a sample is allowed for.
 
@@ -119,8 +118,11 @@ def test_a_walk_without_noise_is_reproduced(rate_hz: float) -> None:
     assert metrics.heading_rmse_deg < 0.03
 
 
-def test_a_sole_that_gives_way_is_allowed_for() -> None:
-    """With the sole known the height stays; with it taken for a harder one it climbs, for a rigid one twice that."""
+def test_a_sole_that_gives_way_is_allowed_for_and_its_doubt_is_in_the_sigma_of_the_height() -> None:
+    """With the sole known the height stays; with it taken for a harder one it climbs, for a rigid one twice that.
+
+    All stances of a walk have the same sole: 61 strides climb by 61 times what one does, not by the root of it.
+    """
     walk, sole_m = noise_free(), QUIET.walk.sole_m
     known, harder, stiff = (
         errors(walk, smooth(walk.recording, walk.stances, replace(FREE, known_lever=LEVER, settling_m=m)))[-1, 2]
@@ -129,43 +131,29 @@ def test_a_sole_that_gives_way_is_allowed_for() -> None:
     assert abs(known) < 0.05
     assert known < harder < 0.5 * stiff
     assert stiff > 0.1
-
-
-def climb(sole_m: float, p: SmootherParameters, fixes: tuple[Fix, ...] = ()) -> tuple[float, float]:
-    """Height above the truth at the end of a walk on such a sole, m, and its sigma."""
-    walk = noise_free(every_gait(QUIET, sole_m=sole_m))
-    found = smooth(walk.recording, walk.stances, replace(p, known_lever=LEVER), fixes=fixes)
-    return errors(walk, found)[-1, 2], found.stances.position_cov[-1, 2, 2] ** 0.5
-
-
-def test_what_a_sole_is_worth_is_within_the_sigma_of_the_height() -> None:
-    """All stances of a walk have the same sole: 61 strides climb by 61 times what one does, not by the root of it."""
-    told_firmly = replace(MATCHED, settling_sigma_m=1e-6)
     for sole_m in (0.0, 0.0045):
-        error, sigma = climb(sole_m, MATCHED_WALK)
-        assert 0.05 < abs(error) / sigma < 2.0
-        error, sigma = climb(sole_m, told_firmly)
-        assert abs(error) / sigma > 2.0
+        walk, sigmas_off = noise_free(every_gait(QUIET, sole_m=sole_m)), []
+        for sigma_m in (DEFAULT.settling_sigma_m, 1e-6):
+            found = smooth(walk.recording, walk.stances, replace(MATCHED, settling_sigma_m=sigma_m))
+            sigmas_off.append(abs(errors(walk, found)[-1, 2]) / found.stances.position_cov[-1, 2, 2] ** 0.5)
+        assert 0.05 < sigmas_off[0] < 2.0 < sigmas_off[1]
 
 
 def consistency(seed: int, p: SmootherParameters) -> Consistency:
     return compute_stance_nees(smoothed(seed, p).stances, demo(seed).recording.truth)
 
 
-def test_sigmas_are_true_where_the_smoother_knows_the_noise() -> None:
-    found = [consistency(seed, MATCHED) for seed in SEEDS]
-    assert 1 / 3 < np.mean([c.median_ratio for c in found]) < 2
-    assert 1 / 3 < np.mean([c.mean_ratio for c in found]) < 2
-    assert np.mean([np.mean(c.nees < SURELY) for c in found]) > 0.9
-
-
 def true_gyro_bias(seed: int) -> np.ndarray:
     return corridor(seed=seed).gyro_bias  # the same at every rate
 
 
-def test_gyro_bias_is_found_to_within_its_sigma() -> None:
-    found = [(seed, smoothed(seed, p).stances) for seed in SEEDS for p in (DEFAULT, MATCHED)]
-    z = np.concatenate([(s.gyro_bias - true_gyro_bias(seed)) / s.gyro_bias_sigma for seed, s in found])
+def test_sigmas_are_true_where_the_smoother_knows_the_noise_and_the_gyro_bias_is_found_within_them() -> None:
+    found = [consistency(seed, MATCHED) for seed in SEEDS]
+    assert 1 / 3 < np.mean([c.median_ratio for c in found]) < 2
+    assert 1 / 3 < np.mean([c.mean_ratio for c in found]) < 2
+    assert np.mean([np.mean(c.nees < SURELY) for c in found]) > 0.9
+    solved = [(seed, smoothed(seed, p).stances) for seed in SEEDS for p in (DEFAULT, MATCHED)]
+    z = np.concatenate([(s.gyro_bias - true_gyro_bias(seed)) / s.gyro_bias_sigma for seed, s in solved])
     assert np.abs(z).max() < 3.0
     assert np.sqrt(np.mean(z**2)) > 0.1  # and the sigma is not ten times too wide
 
@@ -200,40 +188,32 @@ def test_solution_says_how_it_was_made() -> None:
     found = smoothed(0, p)
     assert found.method == "smoother"
     assert found.runtime_s > 0
-    chosen = found.parameters["gyr_relative_density"]
+    chosen, walk_deg_s = (found.parameters[name] for name in ("gyr_relative_density", "gyro_bias_walk_deg_s"))
     assert LEVELS[-1] <= chosen <= LEVELS[0]
-    walk_deg_s = found.parameters["gyro_bias_walk_deg_s"]
     assert found.parameters == asdict(replace(p, gyr_relative_density=chosen, gyro_bias_walk_deg_s=walk_deg_s))
     assert 6e-4 < walk_deg_s < 2e-3
     assert any("swing noise" in note for note in found.notes)
-    assert len(found.notes) >= 3
     assert len(found.stances) == demo().stances.n_footfalls
     assert set(found.stances.field) == {"none"}
 
 
-def test_known_lever_is_used_and_told() -> None:
+def test_a_known_lever_is_used_and_named_and_the_plain_preset_holds_the_foot_still() -> None:
     """A foot rolls forward while it stands: held still it falls short, and with the lever upside down shorter yet."""
     walk = noise_free(RIGID)
 
     def scale(lever: tuple[float, float, float]) -> float:
         found = smooth(walk.recording, walk.stances, replace(DEFAULT, known_lever=lever, settling_m=0.0))
+        assert any("(0, 0, -100) mm" in note for note in found.notes) == (lever == (0.0, 0.0, -0.1))
         return evaluate(found, walk.recording.truth).scale
 
     right, none, upside_down = scale(LEVER), scale((0.0, 0.0, 0.0)), scale((0.0, 0.0, -0.1))
     assert right == pytest.approx(1.0, abs=1e-3)
     assert right + 5e-4 < none < upside_down - 5e-4
-    notes = smooth(walk.recording, walk.stances, replace(DEFAULT, known_lever=(0.01, 0.02, 0.05))).notes
-    assert any("(10, 20, 50) mm" in note for note in notes)
-
-
-def test_plain_preset_is_the_plain_zero_velocity_update() -> None:
-    found = smoothed(0, PLAIN)
-    walk = demo()
-    assert any("plain zero velocity" in note for note in found.notes)
-    speed = np.linalg.norm(found.velocity[found.stances.sample], axis=1)
-    rolling = np.linalg.norm(smoothed().velocity[found.stances.sample], axis=1)
+    plain, usual = smoothed(0, PLAIN), smoothed()
+    assert any("plain zero velocity" in note for note in plain.notes)
+    speed, rolling = (np.linalg.norm(one.velocity[plain.stances.sample], axis=1) for one in (plain, usual))
     assert np.median(speed) < np.median(rolling)
-    held, rolls = (evaluate(solution, walk.recording.truth).scale for solution in (found, smoothed()))
+    held, rolls = (evaluate(one, demo().recording.truth).scale for one in (plain, usual))
     assert 1.01 < held < 1.04  # the foot rolls on by 3 cm in a stride of 1.29 m
     assert rolls == pytest.approx(1.0, abs=0.003)
 
@@ -243,40 +223,84 @@ def still(seconds: float = 4.0) -> Recording:
     return Recording(t=t, acc=np.tile([0.0, 0.0, GRAVITY_M_S2], (len(t), 1)), gyr=np.zeros((len(t), 3)))
 
 
-@pytest.mark.parametrize(
-    ("start", "stop"), [((0,), (400,)), ((150,), (151,)), ((0, 300), (100, 400)), ((7, 300), (8, 301))]
-)
-def test_a_sensor_that_does_not_move_stays_where_it_is(start: tuple[int, ...], stop: tuple[int, ...]) -> None:
+def test_a_sensor_that_does_not_move_stays_where_it_is() -> None:
     """One stance or two, long or of a single sample, without noise."""
-    stances = Stances(np.array(start), np.array(stop), np.arange(len(start)), 400)
-    found = smooth(still(), stances, replace(DEFAULT, settling_m=0.0))
-    np.testing.assert_allclose(found.position, 0.0, atol=1e-9)
-    assert len(found.stances) == len(start)
+    for start, stop in (((0,), (400,)), ((150,), (151,)), ((0, 300), (100, 400)), ((7, 300), (8, 301))):
+        stances = Stances(np.array(start), np.array(stop), np.arange(len(start)), 400)
+        found = smooth(still(), stances, replace(DEFAULT, settling_m=0.0))
+        np.testing.assert_allclose(found.position, 0.0, atol=1e-9)
+        assert len(found.stances) == len(start)
 
 
-def test_stances_of_another_recording_are_refused() -> None:
-    with pytest.raises(EstimationError, match=r"belong to 300 samples and the recording has 400: detect"):
-        smooth(still(), Stances.from_mask(np.ones(300, dtype=np.bool_)))
-
-
-def test_no_stance_is_refused() -> None:
-    with pytest.raises(EstimationError, match=r"no stance to .*: check the stance detection"):
-        smooth(still(), Stances.from_mask(np.zeros(400, dtype=np.bool_)))
-
-
-@pytest.mark.parametrize("shaken", [True, False])
-def test_a_recording_without_gravity_is_refused(shaken: bool) -> None:
-    noise = 0.5 * shaken * np.random.default_rng(0).standard_normal((400, 3))
-    floating = replace(still(), acc=noise)
-    with pytest.raises(EstimationError, match=r"in the first stance, at 1\.000 s, is 0\.0. m/s\^2.*include gravity"):
-        smooth(floating, Stances.from_mask(np.arange(400) >= 100))
-
-
-def test_what_is_no_walk_has_wide_sigmas() -> None:
-    """Noise of tens of m/s^2, called a stance here and there: no crash, and no claim to know where it is."""
-    rng = np.random.default_rng(0)
+def test_what_is_no_walk_is_refused_or_has_wide_sigmas() -> None:
+    floating, rng = np.arange(400) >= 100, np.random.default_rng(0)
+    without_gravity = r"in the first stance, at 1\.000 s, is 0\.0. m/s\^2.*include gravity"
+    for acc, stands, words in (
+        (still().acc, np.ones(300, dtype=bool), r"belong to 300 samples and the recording has 400: detect"),
+        (still().acc, np.zeros(400, dtype=bool), r"no stance to .*: check the stance detection"),
+        (0.5 * rng.standard_normal((400, 3)), floating, without_gravity),
+        (np.zeros((400, 3)), floating, without_gravity),
+    ):
+        with pytest.raises(EstimationError, match=words):
+            smooth(replace(still(), acc=acc), Stances.from_mask(stands))
+    # Noise of tens of m/s^2, called a stance here and there: no crash, and no claim to know where it is.
     n = 3000
     noise = Recording(np.arange(n) / 200.0, 60 * rng.standard_normal((n, 3)), 20 * rng.standard_normal((n, 3)))
     found = smooth(noise, Stances.from_mask(np.arange(n) % 100 < 5))
     assert np.isfinite(found.position).all()
     assert found.stances.position_sigma[-1].min() > 1.0
+
+
+@pytest.mark.parametrize("estimate", [smooth, run_iez])
+def test_a_gap_in_a_swing_is_bridged_with_larger_sigmas(estimate) -> None:
+    """Of 0.2 s, in a swing in the middle of the demonstration."""
+    walk = demo(1)
+    keep = np.ones(len(walk.recording), dtype=bool)
+    first = int(walk.stances.stop[len(walk.stances) // 2]) + 10
+    keep[first : first + round(0.2 / walk.recording.period_s)] = False
+    r = walk.recording
+    raw = RawRecording(r.t[keep], r.acc[keep], r.gyr[keep], np.flatnonzero(keep))
+    recording = replace(Recording.from_raw(raw), truth=truth_of(r))
+    assert "bridged" in recording.provenance.notes[0]
+    found, whole = (estimate(one, detect_stances(one)) for one in (recording, r))
+    assert len(found.stances) == len(whole.stances)
+    off = measure_walk(found, truth_of(r))
+    assert np.radians(off.heading_deg) < 3 * found.stances.heading_sigma[-1]
+    sigma, usual = (np.linalg.norm(one.stances.position_sigma[-1, :2]) for one in (found, whole))
+    assert off.end_m < 3 * sigma
+    assert sigma > 3 * usual
+    before = len(found.stances) // 2 - 2
+    sigmas = [one.stances.position_sigma[before] for one in (found, whole)]
+    np.testing.assert_allclose(*sigmas, rtol=0.3, atol=0.01)
+
+
+# Real walks, a few of the many: loose bounds that a broken smoother does not meet. Promised figures over all of them
+# are printed by `scripts/measure.py real-walks`.
+
+
+@needs_data
+@pytest.mark.parametrize("trial", ["2017-11-22-11-26-05", "2017-11-22-11-37-47", "2018-02-09-11-19-39"])
+def test_a_walk_with_motion_capture(trial: str) -> None:
+    walk = vicon(trial)
+    found = smooth(walk.recording, walk.stances)
+    metrics = evaluate(found, walk.recording.truth)
+    assert metrics.rmse_2d_m < 0.07
+    assert metrics.rmse_3d_m < 0.15
+    assert metrics.scale == pytest.approx(1.0, abs=0.02)
+    assert 1 / 10 < compute_stance_nees(found.stances, walk.recording.truth).median_ratio < 5
+
+
+@needs_data
+def test_walks_over_surveyed_footprints_and_a_loop() -> None:
+    for number, metres in ((18, 0.15), (24, 0.35), (36, 0.35)):
+        walk = gdin(number)
+        found = smooth(walk.recording, walk.stances)
+        metrics = evaluate(found, walk.recording.truth)
+        assert metrics.rmse_2d_m < metres, number
+        assert abs(metrics.strides_detected - metrics.strides_true) <= 1
+        assert metrics.scale == pytest.approx(1.0, abs=0.02)
+        assert np.diff(found.stances.heading_sigma).min() > 0
+    walk = openshoe(7)
+    metrics = evaluate(smooth(walk.recording, walk.stances))
+    assert metrics.closure_percent < 1.0
+    assert 70 < metrics.distance_m < 85

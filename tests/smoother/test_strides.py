@@ -1,16 +1,30 @@
-"""Strides become factors in one place, and what they say of a stance is what a foot does in it."""
+"""Nodes stand where the foot stands: at the ends of its stances, between, and at the stillest sample."""
 
 from dataclasses import replace
 
 import gtsam
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats
 from fg_nav.detection.stance import Stances
-from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.frames import GRAVITY_M_S2, UNKNOWN_RAD
 from fg_nav.recording import Recording
-from fg_nav.smoother.strides import VELOCITY_SIGMA
+from fg_nav.smoother.strides import (
+    CLIMBING_M_S,
+    FIELD_SIGMA_RAD,
+    LONG_STANCE_S,
+    REST_SPACING_S,
+    STRAIGHT_S,
+    TURNING_RAD,
+    VELOCITY_SIGMA,
+    find_unseen_walks,
+    place_nodes,
+    walk_for,
+)
 from tests.real_data import needs_data
 from tests.simulated import LEVER, RIGID
 from tests.smoother.walks import (
@@ -27,6 +41,57 @@ from tests.smoother.walks import (
     with_exact_factors,
 )
 
+RATE = 200.0
+
+
+def walk_with(lengths: list[tuple[int, int]], seed: int, one_footfall: bool = False) -> tuple[Recording, Stances]:
+    """Stances of some samples, each after a swing of some samples, in a recording that is nothing but noise."""
+    gaps, stands = np.array(lengths).T
+    start = np.cumsum(gaps) + np.concatenate([[0], np.cumsum(stands)[:-1]])
+    stop = start + stands
+    n = int(stop[-1]) + 20
+    rng = np.random.default_rng(seed)
+    recording = Recording(t=np.arange(n) / RATE, acc=np.tile([0.0, 0.0, 9.8], (n, 1)), gyr=rng.standard_normal((n, 3)))
+    footfall = np.zeros(len(start), dtype=np.int64) if one_footfall else np.arange(len(start))
+    return recording, Stances(start, stop, footfall, n)
+
+
+some_stances = st.lists(st.tuples(st.integers(1, 80), st.integers(1, 500)), min_size=1, max_size=6)
+
+
+@settings(max_examples=60, deadline=None)
+@given(lengths=some_stances, seed=st.integers(0, 99), one=st.booleans())
+def test_nodes_stand_in_order_in_their_stances_neither_close_nor_far_and_on_the_stillest_sample_of_each_footfall(
+    lengths: list[tuple[int, int]], seed: int, one: bool
+) -> None:
+    recording, stances = walk_with(lengths, seed, one)
+    nodes = place_nodes(recording, stances, DEFAULT)
+    assert np.all(np.diff(nodes.sample) > 0)
+    assert np.all((stances.start[nodes.interval] <= nodes.sample) & (nodes.sample < stances.stop[nodes.interval]))
+    assert set(nodes.interval) == set(range(len(stances)))
+    np.testing.assert_array_equal(nodes.footfall, stances.footfall[nodes.interval])
+    np.testing.assert_array_equal(nodes.footfall[nodes.first[:-1]], np.arange(stances.n_footfalls))
+    assert nodes.first[-1] == len(nodes)
+    np.testing.assert_array_equal(nodes.sample[nodes.result], stances.stillest(recording.gyr))
+    for k in range(len(stances)) if not one else ():
+        step = np.diff(recording.t[nodes.sample[nodes.interval == k]])
+        duration = recording.t[stances.stop[k] - 1] - recording.t[stances.start[k]]
+        spacing = DEFAULT.node_spacing_s if duration <= LONG_STANCE_S else REST_SPACING_S
+        assert np.all(step >= DEFAULT.shortest_interval_s - 1e-9)
+        assert np.all(step <= 1.5 * spacing + 2 / RATE)  # the node on the stillest sample was moved by half a step
+
+
+@pytest.mark.parametrize("spacing", [0.05, 0.1, 0.4])
+def test_spacing_is_what_was_asked_for(spacing: float) -> None:
+    walk = demo()
+    nodes = place_nodes(walk.recording, walk.stances, replace(DEFAULT, node_spacing_s=spacing))
+    walking = nodes.interval[1:] == nodes.interval[:-1]
+    inner = walking & (nodes.interval[1:] > 0) & (nodes.interval[1:] < len(walk.stances) - 1)
+    step = np.diff(walk.recording.t[nodes.sample])[inner]
+    assert np.median(step) <= spacing
+    assert step.max() <= 1.5 * spacing + 0.01
+
+
 KNOWN = replace(DEFAULT, known_lever=LEVER)
 SOFT = replace(KNOWN, settling_m=0.0015)  # On a sole that is expected to give way by 1.5 mm.
 
@@ -40,19 +105,14 @@ def converged(one: Problem, steps: int = 12) -> gtsam.Values:
     return values
 
 
-def differences(one: Problem, a: gtsam.Values, b: gtsam.Values) -> tuple[float, float]:
-    """Largest difference of the nodes in position, m, and attitude, deg."""
-    p, _, R, *_ = node_arrays(one.nodes, a)
-    q, _, Q, *_ = node_arrays(one.nodes, b)
-    return float(np.linalg.norm(p - q, axis=1).max()), float(degrees_between(R, Q).max())
-
-
 @pytest.mark.parametrize("walk", [demo, pytest.param(lambda: gdin(18), marks=needs_data)], ids=["demo", "gdin 18"])
 def test_solution_is_that_of_the_exact_factors(walk) -> None:
     one = with_exact_factors(walk())
-    metres, degrees = differences(one, minimum(problem(walk()), 1e-10).values, converged(one))
-    assert metres < 1e-4
-    assert degrees < 0.01
+    (p, _, R, *_), (q, _, Q, *_) = (
+        node_arrays(one.nodes, values) for values in (minimum(problem(walk()), 1e-10).values, converged(one))
+    )
+    assert np.linalg.norm(p - q, axis=1).max() < 1e-4
+    assert degrees_between(R, Q).max() < 0.01
 
 
 def stance_truth(walk: Walk) -> tuple[Floats, Floats]:
@@ -132,4 +192,28 @@ def test_velocities_are_firm_where_the_foot_is_still() -> None:
     sigma, p = at_nodes(one, "sigma"), DEFAULT
     expected = np.hypot(VELOCITY_SIGMA, np.array([0.0, 0.5 * p.roll_sigma_m, 0.5 * p.unsteady_s]))
     np.testing.assert_allclose(sigma[:, :2], np.repeat(expected[one.nodes.interval][:, None], 2, axis=1), rtol=1e-9)
-    assert np.all(sigma[:, 2] > sigma[:, 0])  # how deep a sole sinks is not known
+    sinking = p.settling_sigma_m / (99 / 200)  # how deep a sole sinks is not known
+    np.testing.assert_allclose(sigma[:, 2], np.hypot(sigma[:, 0], sinking), rtol=1e-6)
+
+
+def test_over_a_hole_a_person_goes_on_and_the_field_shows_part_of_the_turn() -> None:
+    """A level sensor is put down tilted and turned by 50 degrees; what was read next to each node counts."""
+    tilt, turn = Rotation.from_euler("x", 12.0, degrees=True), Rotation.from_euler("z", 50.0, degrees=True)
+    behind, field = (turn * tilt).as_matrix(), np.array([0.0, 20.0, -43.0])
+    for hole_s in (0.6, 20.0):
+        late = np.arange(400) >= 200
+        t = np.arange(400) / 200.0 + hole_s * late
+        acc, mag = (np.where(late[:, None], behind.T @ v, v) for v in (np.array([0.0, 0.0, GRAVITY_M_S2]), field))
+        recording = Recording(t=t, acc=acc, gyr=np.zeros((400, 3)), mag=mag)
+        found = find_unseen_walks(recording, np.array([10, 150, 199, 200, 390]))
+        np.testing.assert_array_equal(found.unseen, [False, False, True, False])
+        np.testing.assert_allclose(found.body_up[2], acc[200], atol=1e-9)
+        elapsed = hole_s + 0.005
+        sigma = min(TURNING_RAD * np.sqrt(elapsed), UNKNOWN_RAD)
+        share = sigma**2 / (sigma**2 + FIELD_SIGMA_RAD**2)
+        assert found.walk.turn[2] == pytest.approx(share * np.radians(50.0), rel=1e-6)
+        assert found.walk.turn_sigma[2] == pytest.approx(sigma)
+        np.testing.assert_allclose(found.walk.move_sigma[2] / walk_for(elapsed), [1.0, 1.0, CLIMBING_M_S])
+        assert not find_unseen_walks(recording, np.array([199, 200]), with_compass=False).walk.turn.any()
+    assert walk_for(np.array(1e-3)) == pytest.approx(1e-3, rel=1e-4)  # straight on at first,
+    assert walk_for(np.array(1e5)) == pytest.approx(np.sqrt(2.0 * STRAIGHT_S * 1e5), rel=1e-2)  # a random walk later

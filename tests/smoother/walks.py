@@ -6,7 +6,6 @@ from functools import cache
 
 import gtsam
 import numpy as np
-import pytest
 from gtsam.symbol_shorthand import B, V, X
 
 from fg_nav.arrays import Floats, Ints
@@ -21,7 +20,7 @@ from fg_nav.io import read
 from fg_nav.lab.pyshoe import read_pyshoe_labels
 from fg_nav.lab.simulation.person import Person
 from fg_nav.recording import Recording
-from fg_nav.smoother import SmootherParameters
+from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.graph import GAUGE_SIGMA, StartPrior, Trajectory, WalkProblem, initial_values, trajectory_of
 from fg_nav.smoother.parameters import WalkParameters
 from fg_nav.smoother.solver import CONVERGENCE, MAX_STEPS, Solved, WalkSystem, find_minimum, list_in_time
@@ -36,6 +35,8 @@ from fg_nav.smoother.strides import (
     preintegrate,
     strides_of,
 )
+from fg_nav.solution import Solution
+from fg_nav.truth import TrajectoryTruth
 from tests.real_data import DATA
 from tests.simulated import IDEAL, QUIET, corridor
 
@@ -73,6 +74,43 @@ def demo(seed: int = 0, rate_hz: float = 200.0) -> Walk:
 
 
 @cache
+def smoothed(seed: int = 0, p: SmootherParameters = DEFAULT, rate_hz: float = 200.0) -> Solution:
+    """The demonstration, smoothed by its strides alone."""
+    walk = demo(seed, rate_hz)
+    return smooth(walk.recording, walk.stances, p)
+
+
+def truth_of(recording: Recording) -> TrajectoryTruth:
+    """The truth of a recording, which has attitudes."""
+    assert isinstance(recording.truth, TrajectoryTruth)
+    assert recording.truth.nav_R_body is not None
+    return recording.truth
+
+
+def values_moved(values: gtsam.Values, size: float, seed: int = 0) -> gtsam.Values:
+    """Values with every variable a random step away."""
+    rng, step = np.random.default_rng(seed), gtsam.VectorValues()
+    for key, width in values.dims().items():
+        step.insert(key, size * rng.standard_normal(width))
+    return values.retract(step)
+
+
+def dense_root(system: WalkProblem, values: gtsam.Values, ordering: gtsam.Ordering) -> tuple[Floats, Floats, Floats]:
+    """Jacobian A and right-hand side b of a whole graph, and the inverse root of A^T A, by dense linear algebra."""
+    A, b = system.factors().linearize(values).jacobian(ordering)
+    # Columns of one size, as poses, velocities and biases are of many.
+    size = np.linalg.norm(A, axis=0)
+    return A, b, np.linalg.inv(np.linalg.qr(A / size, mode="r")) / size[:, None]
+
+
+def dense_log_evidence(system: WalkProblem, values: gtsam.Values) -> float:
+    """Of a graph linearized at values: E + 1/2 log|A^T A| without the logarithms of its sigmas."""
+    A, b, inverse_root = dense_root(system, values, time_order(system.nodes))
+    explained = b @ (A @ (inverse_root @ (inverse_root.T @ (A.T @ b))))
+    return float(0.5 * (b @ b - explained) - np.linalg.slogdet(inverse_root)[1])
+
+
+@cache
 def noise_free(person: Person = QUIET, seed: int = 0, rate_hz: float = 200.0) -> Walk:
     """The same walk as a perfect sensor has it."""
     return _detected(corridor(person, sensor=IDEAL, seed=seed, rate_hz=rate_hz).recording)
@@ -81,7 +119,7 @@ def noise_free(person: Person = QUIET, seed: int = 0, rate_hz: float = 200.0) ->
 @cache
 def vicon(trial: str) -> Walk:
     """A trial with motion capture; the stances are the authors' labels."""
-    path = _data() / "vicon" / f"{trial}.mat"
+    path = DATA / "vicon" / f"{trial}.mat"
     return Walk(read(path), Stances.from_mask(read_pyshoe_labels(path)))
 
 
@@ -89,19 +127,13 @@ def vicon(trial: str) -> Walk:
 def gdin(number: int) -> Walk:
     """An indoor walk with surveyed footprints."""
     folder = "own" if number > 29 else "own_obsolete"
-    return _detected(read(_data() / "gdin" / folder / f"SensorConnectData_{number}.csv"))
+    return _detected(read(DATA / "gdin" / folder / f"SensorConnectData_{number}.csv"))
 
 
 @cache
 def openshoe(number: int) -> Walk:
     """A loop of 78 m that ends where it began."""
-    return _detected(read(_data() / "openshoe" / f"data_inert{number}.txt"))
-
-
-def _data():
-    if DATA is None:
-        pytest.skip("the real recordings are not here")
-    return DATA
+    return _detected(read(DATA / "openshoe" / f"data_inert{number}.txt"))
 
 
 def _detected(recording: Recording) -> Walk:

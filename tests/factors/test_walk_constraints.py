@@ -1,0 +1,333 @@
+"""What walks are held by: stances, rests, floors, fixes, places, the other foot, a building, and walks unseen.
+
+Derivatives of all of them are in `test_residual`.
+"""
+
+import gtsam
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import A, B, S, V, X, Z
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+from scipy.stats import norm
+
+from fg_nav.factors import BuildingDirection, StanceVelocity, factor_of, zero_rate_factor
+from fg_nav.factors.same_place import BesideEachOther, SamePlace, WithinReach, weigh_place
+from fg_nav.factors.walk_constraints import (
+    QUARTER,
+    FloorHeight,
+    UnseenWalk,
+    direction_loss,
+    direction_probability,
+    odds_of_elsewhere,
+    position_fix_noise,
+    wrap_quarter,
+)
+from fg_nav.factors.zero_velocity import REST_TAIL_SIGMAS
+from fg_nav.frames import yaw_rotation
+from fg_nav.lab.simulation.motion import Ramps
+from tests.factors.attitudes import pose, values_of, vectors
+from tests.factors.derivatives import residual
+from tests.simulated import turning_foot
+
+angles = st.floats(-3.0, 3.0)
+UNIT = gtsam.noiseModel.Unit.Create(3)
+
+
+def standing(rotvec, position=(0.0, 0.0, 0.0)) -> gtsam.Pose3:
+    return pose(Rotation.from_rotvec(rotvec).as_matrix(), position)
+
+
+# --- the velocity of a stance: its zero by the physics of a rolling body
+
+
+def stance(body_velocity, settling, sigma=np.ones(3), sinks_per_m=0.0):
+    """The factor of one stance."""
+    velocity = StanceVelocity(body_velocity, settling, sigma, np.array(sinks_per_m))
+    return factor_of(velocity, [X(0), V(0), S(0)])
+
+
+def test_a_softer_sole_sinks_faster():
+    """One that settles 3 mm more in 0.3 s sinks by 10 mm/s more, in any attitude."""
+    u, settling, rotvec = np.random.default_rng(4).standard_normal((3, 3))
+    velocity = Rotation.from_rotvec(rotvec).apply(u) + settling - np.array([0.0, 0.0, 0.010])
+    values = values_of({X(0): standing(rotvec), V(0): velocity, S(0): np.array([0.003])})
+    np.testing.assert_allclose(residual(stance(u, settling, sinks_per_m=1 / 0.3), values), 0.0, atol=1e-12)
+
+
+def rolling_foot(lever, sinking=0.0):
+    """A foot that turns about a pivot, which sinks by so many metres meanwhile."""
+    begin, width = np.array([0.0]), np.array([0.4])
+    turns = [Ramps(begin, width, np.array([rise])) for rise in (0.1, 0.5, -0.2)]
+    return turning_foot(lever, turns, up=Ramps(begin, width, np.array([-sinking])))
+
+
+LEVER = np.array([-0.03, 0.02, 0.11])
+
+
+@pytest.mark.parametrize("sinking", [0.0, 0.003])
+def test_a_body_that_rolls_about_a_settling_pivot_has_no_residual(sinking):
+    t = np.linspace(0.02, 0.38, 7)
+    now = rolling_foot(LEVER, sinking).at(t)
+    settling = rolling_foot(np.zeros(3), sinking).at(t).velocity  # of the pivot
+    assert np.linalg.norm(now.velocity, axis=1).max() > 0.1
+    for k in range(len(t)):
+        at = {X(0): pose(now.nav_R_body[k], now.position[k]), V(0): now.velocity[k], S(0): np.zeros(1)}
+        found = residual(stance(np.cross(now.rate[k], LEVER), settling[k]), values_of(at))
+        np.testing.assert_allclose(found, 0.0, atol=1e-12)
+
+
+@given(rotvec=vectors, position=vectors, velocity=vectors)
+@settings(max_examples=10, deadline=None)
+def test_without_a_lever_it_is_the_plain_zero_velocity_update(rotvec, position, velocity):
+    sigma = np.array([0.01, 0.01, 0.01])
+    values = values_of({X(0): standing(rotvec, position), V(0): velocity, S(0): np.zeros(1)})
+    plain = gtsam.PriorFactorVector(V(0), np.zeros(3), gtsam.noiseModel.Diagonal.Sigmas(sigma))
+    hessians = []
+    for factor in (stance(np.zeros(3), np.zeros(3), sigma), plain):
+        graph = gtsam.NonlinearFactorGraph()
+        graph.push_back(factor)
+        assert graph.error(values) == pytest.approx(plain.error(values), rel=1e-12)
+        graph.addPriorPose3(X(0), gtsam.Pose3(), gtsam.noiseModel.Unit.Create(6))  # the same variables in both
+        graph.addPriorVector(V(0), np.zeros(3), UNIT)
+        graph.addPriorVector(S(0), np.zeros(1), gtsam.noiseModel.Unit.Create(1))
+        hessians.append(graph.linearize(values).hessian())
+    (H, b), (of_plain, right) = hessians
+    np.testing.assert_allclose(H[:4, :4], of_plain[:4, :4], rtol=1e-12, atol=1e-6)  # keys in their order: S, V, X
+    np.testing.assert_allclose(b, right, rtol=1e-12, atol=1e-6)
+
+
+# --- rests
+
+
+def bias_values(acc, gyro):
+    return values_of({B(0): gtsam.imuBias.ConstantBias(acc, gyro)})
+
+
+@given(acc=vectors, gyro=vectors, rate=vectors, log_sigma=vectors)
+@settings(max_examples=20, deadline=None)
+def test_a_rest_is_a_prior_on_the_gyroscope_alone_with_cauchys_loss(acc, gyro, rate, log_sigma):
+    sigma = 10.0**log_sigma
+    factor = zero_rate_factor(B(0), rate, np.diag(sigma**2))
+    chi_square = (((gyro - rate) / sigma) ** 2).sum()
+    loss = REST_TAIL_SIGMAS**2 * np.log1p(chi_square / REST_TAIL_SIGMAS**2)
+    assert 2.0 * factor.error(bias_values(acc, gyro)) == pytest.approx(loss, rel=1e-9, abs=1e-9)
+    weight = 1.0 / (1.0 + chi_square / REST_TAIL_SIGMAS**2)
+    expected = weight * np.diag(np.concatenate([np.zeros(3), sigma**-2]))
+    np.testing.assert_allclose(factor.linearize(bias_values(acc, gyro)).information(), expected, rtol=1e-9)
+
+
+def test_rests_are_averaged_with_their_covariances_and_a_false_one_is_outvoted():
+    """Ten that agree to 0.02 deg/s, and one that is 1 deg/s off at a sigma of 0.1."""
+    rng = np.random.default_rng(0)
+    rates = np.array([[0.01, 0.02, 0.03], [0.03, 0.02, 0.01]])
+    roots = 0.02 * (np.eye(3) + 0.4 * rng.standard_normal((2, 3, 3)))
+    covariances = roots @ np.swapaxes(roots, 1, 2)
+    weights = np.linalg.inv(covariances)
+    expected = np.linalg.solve(weights.sum(axis=0), np.einsum("kij,kj->i", weights, rates))
+    false = [*((0.0, 3e-4),) * 10, (0.017, 1.7e-3)]
+    for rests, mean, atol in (
+        (list(zip(rates, covariances, strict=True)), expected, 5e-4),  # where the loss is next to a square
+        ([(np.full(3, rate), sigma**2 * np.eye(3)) for rate, sigma in false], np.zeros(3), 1e-5),
+    ):
+        graph, start = gtsam.NonlinearFactorGraph(), bias_values(np.zeros(3), np.full(3, 0.01))
+        for rate, covariance in rests:
+            graph.push_back(zero_rate_factor(B(0), rate, covariance))
+        noise = gtsam.noiseModel.Diagonal.Sigmas(np.repeat([1.0, 1e6], 3))
+        graph.push_back(gtsam.PriorFactorConstantBias(B(0), gtsam.imuBias.ConstantBias(), noise))
+        found = gtsam.LevenbergMarquardtOptimizer(graph, start).optimize().atConstantBias(B(0)).gyroscope()
+        np.testing.assert_allclose(found, mean, atol=atol)
+
+
+# --- floors and fixes
+
+
+@given(rotvec=vectors, position=vectors, floor=st.floats(-50, 50), across=vectors, up=st.floats(-50, 50))
+@settings(max_examples=20, deadline=None)
+def test_only_the_height_above_the_floor_counts(rotvec, position, floor, across, up):
+    factor = factor_of(FloorHeight(1.0), [X(0), Z(0)])
+    here = residual(factor, values_of({X(0): standing(rotvec, position), Z(0): np.array([floor])}))
+    elsewhere = position + np.array([across[0], across[1], up])
+    moved = values_of({X(0): standing(-rotvec, elsewhere), Z(0): np.array([floor + up])})
+    assert here == pytest.approx([position[2] - floor])
+    assert residual(factor, moved) == pytest.approx(here, abs=1e-9)
+
+
+def climb(rng, sigma, step_sigma, floors):
+    """Error of the last height after a storey up and down with noisy steps, and its square over its variance."""
+    stairs, level = 0.34 * np.arange(1, 10), 20
+    height = np.concatenate([np.zeros(level), stairs, np.full(level, 3.4), stairs[::-1], np.zeros(level)])
+    floor = np.repeat([0, -1, 1, -1, 0], [level, 9, level, 9, level])
+    truth = height + np.where(floor >= 0, rng.normal(0, sigma, len(height)), 0.0)
+    truth -= truth[0]
+    seen = np.diff(truth) + rng.normal(0, step_sigma, len(truth) - 1)
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    graph.addPriorPose3(X(0), gtsam.Pose3(), gtsam.noiseModel.Isotropic.Sigma(6, 1e-6))
+    at = np.append(0.0, np.cumsum(seen))
+    for k, z in enumerate(at):
+        values.insert(X(k), pose(np.eye(3), (0.0, 0.0, z)))
+        if k > 0:
+            step, noise = pose(np.eye(3), (0.0, 0.0, seen[k - 1])), gtsam.noiseModel.Isotropic.Sigma(6, step_sigma)
+            graph.push_back(gtsam.BetweenFactorPose3(X(k - 1), X(k), step, noise))
+    for k in np.flatnonzero(floor >= 0) if floors else []:
+        graph.push_back(factor_of(FloorHeight(sigma), [X(k), Z(floor[k])]))
+    for f in (0, 1) if floors else ():
+        values.insert(Z(f), np.array([at[floor == f].mean()]))
+    values = values.retract(graph.linearize(values).optimize())
+    last = X(len(at) - 1)
+    apart = values.atPose3(last).z() - truth[-1]
+    return apart, apart**2 / gtsam.Marginals(graph, values).marginalCovariance(last)[5, 5]
+
+
+def test_a_floor_visited_again_gets_its_height_back_within_the_sigma_that_is_reported():
+    """Steps of 2 cm rms drift by 17 cm in the end; the floor holds it to the centimetres of a stance."""
+    with_it, without = (
+        np.array([climb(np.random.default_rng(seed), 0.01, 0.02, floors) for seed in range(60)])
+        for floors in (True, False)
+    )
+    assert np.sqrt(np.mean(without[:, 0] ** 2)) > 0.12
+    assert np.sqrt(np.mean(with_it[:, 0] ** 2)) < 0.03
+    assert with_it[:, 1].mean() == pytest.approx(1.0, abs=3.5 * np.sqrt(2 / 60))
+
+
+@given(rotvec=vectors, position=vectors, height=st.floats(-100, 100))
+@settings(max_examples=20, deadline=None)
+def test_a_planar_fix_says_nothing_of_the_height_and_sigmas_must_be_above_zero(rotvec, position, height):
+    factor = gtsam.GPSFactor(X(0), np.array([1.0, 2.0, 3.0]), position_fix_noise(0.5))
+    here, higher = (values_of({X(0): standing(rotvec, position + h * np.eye(3)[2])}) for h in (0.0, height))
+    assert factor.error(higher) == pytest.approx(factor.error(here))
+    nav_R_body = Rotation.from_rotvec(rotvec).as_matrix()
+    information = nav_R_body @ factor.linearize(here).information()[3:, 3:] @ nav_R_body.T
+    np.testing.assert_allclose(information, np.diag([4.0, 4.0, 0.0]), atol=1e-9)
+    np.testing.assert_allclose(position_fix_noise(0.5, 0.2).sigmas(), [0.5, 0.5, 0.2])
+    for sigmas in ((0.0, 1.0), (-1.0, 1.0), (1.0, float("nan"))):
+        with pytest.raises(ValueError, match="position fix: the sigmas"):
+            position_fix_noise(*sigmas)
+
+
+# --- one place, two feet
+
+
+def same_place(later, earlier, heading):
+    (weight,) = weigh_place(np.array([heading]), 0.3, 0.6, 0.2)
+    return factor_of(SamePlace(later, earlier, weight), [X(1), X(0)])
+
+
+@given(rotvec=vectors, other=vectors, position=vectors, later=vectors, earlier=vectors, turn=angles)
+@settings(max_examples=20, deadline=None)
+def test_a_walk_that_is_turned_about_up_closes_as_well(rotvec, other, position, later, earlier, turn):
+    one, two, about_up = standing(rotvec, position), standing(other, -position), standing([0.0, 0.0, turn])
+    here = residual(same_place(later, earlier, 0.3), values_of({X(1): one, X(0): two}))
+    both = values_of({X(1): about_up * one, X(0): about_up * two})
+    np.testing.assert_allclose(residual(same_place(later, earlier, 0.3 + turn), both), here, atol=1e-9)
+
+
+def test_a_tie_is_metres_over_the_sigmas_along_across_and_up_and_nothing_at_one_place():
+    """A walk north: east is to its right, and north ahead. A metre ahead of the one footfall is behind the other."""
+    seen, ahead = same_place(np.zeros(3), np.zeros(3), np.pi / 2), np.array([1.0, 0.0, 0.0])
+    off = values_of({X(1): standing(np.zeros(3), [0.6, 0.3, 0.2]), X(0): standing(np.zeros(3))})
+    assert residual(seen, off) == pytest.approx([1.0, -1.0, 1.0])
+    opposite = values_of({X(1): standing(np.zeros(3)), X(0): standing([0.0, 0.0, np.pi], [2.0, 0.0, 0.0])})
+    assert residual(same_place(ahead, ahead, 0.0), opposite) == pytest.approx(np.zeros(3), abs=1e-12)
+
+
+def test_feet_that_walk_beside_each_other_leave_no_residual_wherever_they_walk():
+    """A person is turned about up and moved: the width stays. Swapped feet are beside each other by the opposite."""
+    width, forward, left_of = 0.17, 0.4, np.array([0.0, 1.0, 0.0])
+    left, right = np.eye(4), np.eye(4)
+    right[:3, 3] = [forward, -width, 0.0]  # walking east, the right foot is to the south
+    at_foot, ahead = np.zeros(3), np.array([forward, 0.0, 0.0])
+    for angle in (0.0, 1.0, -2.5):
+        frame = np.eye(4)
+        frame[:3, :3], frame[:3, 3] = yaw_rotation(angle), [5.0, -3.0, 1.0]
+        for first, second, points, apart in (
+            (right, left, (at_foot, ahead), width),
+            (left, right, (ahead, at_foot), -width),
+        ):
+            factor = BesideEachOther(*points, left_of, np.eye(3))
+            e = factor.evaluate([frame @ first, frame @ second, np.array([apart])], False)[0]
+            np.testing.assert_allclose(e, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("apart", "sigmas"), [(0.3, 0.0), (1.5, 3.0)])
+def test_standing_feet_are_pulled_together_from_beyond_reach_alone(apart, sigmas):
+    one, other = np.eye(4), np.eye(4)
+    other[:3, 3] = apart * np.array([0.6, 0.0, 0.8])
+    assert WithinReach(np.array(1.2), np.array(0.1)).evaluate([one, other], False)[0] == pytest.approx(sigmas)
+
+
+# --- a walk that was not seen
+
+
+@given(tilts=vectors, yaw=angles, move=vectors, turn=angles)
+@settings(max_examples=30, deadline=None)
+def test_an_unseen_walk_counts_how_far_a_person_came_and_turned_and_how_the_foot_was_put_down(tilts, yaw, move, turn):
+    """From an attitude to one turned about up, of the same tilt; the displacement is that in the world."""
+    walk = UnseenWalk(np.array([2.0, 2.0, 0.5]), np.array(turn), np.array(0.7), np.array(0.3))
+    first, factor = Rotation.from_rotvec(tilts), factor_of(walk, [X(0), X(1)])
+
+    def error(second, move):
+        at = {X(0): pose(first.as_matrix(), np.ones(3)), X(1): pose(second.as_matrix(), np.ones(3) + move)}
+        return residual(factor, values_of(at))
+
+    e = error(Rotation.from_rotvec([0.0, 0.0, yaw]) * first, move)
+    assert e[:3] == pytest.approx(move / [2.0, 2.0, 0.5], abs=1e-9)
+    off = (yaw - turn + np.pi) % (2 * np.pi) - np.pi
+    assert abs(e[3]) == pytest.approx(abs(off) / 0.7, abs=1e-9)
+    if 1e-6 < abs(off) < 3.0:
+        assert np.sign(e[3]) == np.sign(off)
+    assert e[4:] == pytest.approx(np.zeros(3), abs=1e-9)
+    tipped = error(first * Rotation.from_rotvec([0.03, 0.0, 0.0]), np.zeros(3))
+    of_tilt = np.linalg.norm(np.cross(first.as_matrix()[2], [1, 0, 0]))
+    assert np.linalg.norm(tipped[4:]) == pytest.approx(0.03 * of_tilt / 0.3, rel=0.02)
+
+
+# --- directions of a building: the mixture's loss and weight, and that it is silent elsewhere
+
+
+KEYS = [X(0), X(1), A(0)]
+SIGMA = np.radians(2.0)
+
+
+def course_at(course, alpha, start=np.zeros(3), climb=0.0, seed=0, turn=0.0):
+    """Values of a displacement of 7 m, the whole walk turned about up."""
+    turned, move = Rotation.from_euler("z", turn), 7.0 * np.array([np.cos(course), np.sin(course), climb])
+    one, other = turned * Rotation.random(2, rng=np.random.default_rng(seed))
+    ends = {X(0): pose(one.as_matrix(), turned.apply(start)), X(1): pose(other.as_matrix(), turned.apply(start + move))}
+    return values_of({**ends, A(0): np.array([alpha])})
+
+
+@given(course=angles, off=st.floats(-0.2, 0.2), quarter=st.integers(-4, 4), start=vectors, climb=st.floats(-0.5, 0.5))
+@settings(max_examples=30, deadline=None)
+def test_the_residual_is_what_a_course_is_off_the_nearest_direction(course, off, quarter, start, climb):
+    always = BuildingDirection(SIGMA, 1e-300, np.array(1.0))  # a mixture without its other component
+    values = course_at(course, course - off + quarter * QUARTER, start, climb)
+    assert residual(factor_of(always, KEYS), values) == pytest.approx([off / SIGMA, 0.0], abs=1e-6)
+
+
+@given(course=angles, alpha=angles, quarter=st.integers(-3, 3), turn=angles, seed=st.integers(0, 10_000))
+@settings(max_examples=30, deadline=None)
+def test_neither_a_quarter_turn_of_the_walk_nor_one_with_the_building_matters(course, alpha, quarter, turn, seed):
+    assume(abs(wrap_quarter(np.array(course - alpha))) < 0.7)
+    factor = factor_of(BuildingDirection(SIGMA, 0.1, np.array(0.6)), KEYS)
+    here = factor.error(course_at(course, alpha, seed=seed))
+    by_quarters = course_at(course, alpha, seed=seed, turn=quarter * QUARTER)
+    together = course_at(course, alpha + turn, seed=seed, turn=turn)
+    assert factor.error(by_quarters) == pytest.approx(here, abs=1e-9)
+    assert factor.error(together) == pytest.approx(here, abs=1e-9)
+    x = float(wrap_quarter(np.array(course - alpha))) / SIGMA
+    assert here == pytest.approx(0.6 * direction_loss(x, 0.1), abs=1e-9)
+
+
+@given(off=st.floats(-np.pi / 4, np.pi / 4), sigma_deg=st.floats(0.5, 10), share=st.floats(0.05, 0.95))
+@settings(max_examples=50, deadline=None)
+def test_the_weight_is_the_posterior_and_the_slope_of_the_loss_which_is_the_likelihood(off, sigma_deg, share):
+    sigma, h = np.radians(sigma_deg), 1e-5
+    c, x = odds_of_elsewhere(sigma, share), off / sigma
+    followed, elsewhere = share * norm.pdf(off, scale=sigma), (1 - share) * 2 / np.pi
+    at_zero = share * norm.pdf(0.0, scale=sigma) + elsewhere
+    assert direction_probability(x, c) == pytest.approx(followed / (followed + elsewhere), abs=1e-12)
+    assert direction_loss(x, c) == pytest.approx(np.log(at_zero / (followed + elsewhere)), abs=1e-9)
+    slope = (direction_loss(x + h, c) - direction_loss(x - h, c)) / (2 * h)
+    assert slope == pytest.approx(direction_probability(x, c) * x, abs=1e-6)
