@@ -83,10 +83,7 @@ OFF_SHARE = 0.6  # Of what is rebuilt, one sigma: peaks are flatter or more poin
 
 
 def find_outliers(t: Floats, acc: Floats, gyr: Floats) -> Ints:
-    """Find bad samples among specific forces and rates (N, 3), m/s^2 and rad/s, at rising stamps (N,) s.
-
-    Returns (N,) of which sensor each is bad, the sum of `ACC_OUT` and `GYR_OUT`.
-    """
+    """Sum (N,) of `ACC_OUT` and `GYR_OUT` where acc and gyr (N, 3), m/s^2 and rad/s, at rising t (N,) s, are bad."""
     return scan_outliers(t, np.hstack([acc, gyr]), 0, True)[0]
 
 

@@ -61,7 +61,7 @@ from fg_nav.factors.zero_velocity import StanceVelocity, zero_rate_factor
 from fg_nav.frames import UNKNOWN_RAD, level_attitude, yaw_rotation
 from fg_nav.mechanisation import NavState, rotation_series, rotation_vector, strapdown
 from fg_nav.recording import Recording, find_extra_sigmas
-from fg_nav.samples.gaps import cross_holes, find_holes
+from fg_nav.samples.gaps import cross_holes
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.system.compiled import njit
 
@@ -300,9 +300,7 @@ def walk_for(elapsed_s: Floats) -> Floats:
 def _average_about(recording: Recording, node: int) -> tuple[Floats, Floats]:
     """Mean specific force (3,) about a node, and the attitude (3, 3) in which it is up and the field north, or NaN."""
     t = recording.t
-    first, stop = np.searchsorted(t, [t[node] - REACH_S, t[node] + REACH_S])
-    holes = find_holes(t[first:stop]) + first
-    about = slice(max([first, *(holes[holes < node] + 1)]), min([stop, *(holes[holes >= node] + 1)]))
+    about = slice(*np.searchsorted(t, [t[node] - REACH_S, t[node] + REACH_S]))  # it is shorter than any hole
     force = recording.acc[about].mean(axis=0)
     if recording.mag is None or not (seen := np.isfinite(recording.mag[about, 0])).any():
         return force, np.full((3, 3), np.nan)

@@ -98,10 +98,7 @@ def find_files(out: Path) -> list[Path]:
 
 
 def export_track(track: ExportTrack, out: Path, origin: Origin | None = None, force: bool = False) -> Sequence[Path]:
-    """Write a track in the format of the ending of `out`; return the files.
-
-    Raises `OutputError` as `check_export` does.
-    """
+    """Write a track in the format of the ending of `out`; return the files. Raises `OutputError` as `check_export`."""
     check_export(out, origin, force)
     format, files = find_export(out), find_files(out)
     write = format.write
