@@ -12,7 +12,7 @@ from fg_nav.online.strides import StanceNodes, list_stances, list_variables
 from fg_nav.online.window import MarginalPrior, Window, marginalize
 from fg_nav.smoother.square_root import LinearWalk, stack_factors
 from tests.linear import marginal_covariances
-from tests.online.test_online_smoother import add, fed, in_field
+from tests.online.walks import add, fed, in_field
 from tests.smoother.walks import FREE, demo, part, time_order
 
 KEYS = X(3), V(3), M(2), B(1)

@@ -4,6 +4,7 @@ import asyncio
 import errno
 import os
 import time
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -50,11 +51,6 @@ def write(path, rows, goes_on=False, force=False, block=50):
     return said
 
 
-def test_what_is_recorded_is_what_came(rows, tmp_path):
-    assert write(tmp_path / "walk.csv", rows) == []
-    np.testing.assert_array_equal(recorded(tmp_path / "walk.csv"), rows)
-
-
 def test_an_older_file_is_kept_unless_it_may_be_replaced(rows, tmp_path):
     path = tmp_path / "walk.csv"
     path.write_text("a letter\nto my mother")
@@ -75,7 +71,7 @@ def test_an_older_file_is_kept_unless_it_may_be_replaced(rows, tmp_path):
 def test_a_resumed_walk_goes_on_in_its_file(rows, tmp_path, kept, back):
     """Whose last line was cut off; what the source sends again is in it already."""
     path = tmp_path / "walk.csv"
-    write(path, rows[:kept])
+    assert write(path, rows[:kept]) == []
     with path.open("a") as file:
         file.write("12.5,0.1,9" if kept else record.HEADER[:20])
     said = write(path, rows[max(kept - back, 0) :], goes_on=True)
@@ -89,33 +85,30 @@ def test_a_full_disk_does_not_end_the_walk(rows, tmp_path, monkeypatch):
     pwrite = os.pwrite
 
     def write_some(file, data, place):
-        if is_full[0] and len(data) > 100:
-            return pwrite(file, data[:100], place)
-        if is_full[0]:
+        if is_full[0] and len(data) <= 100:
             raise OSError(errno.ENOSPC, "No space left on device")
-        return pwrite(file, data, place)
+        return pwrite(file, data[:100] if is_full[0] else data, place)
 
     monkeypatch.setattr(record.os, "pwrite", write_some)
-    recording = Record(path, False, False, said.append)
-    recording.begin({})
-    for k in range(0, len(rows), 100):
-        is_full[0] = 400 <= k < 900
-        recording.add(rows[k : k + 100], None)
-        time.sleep(0.03)
-    recording.close()
+    with closing(Record(path, False, False, said.append)) as recording:
+        recording.begin({})
+        for k in range(0, len(rows), 100):
+            is_full[0] = 400 <= k < 900
+            recording.add(rows[k : k + 100], None)
+            time.sleep(0.02)
     np.testing.assert_array_equal(recorded(path), rows)
     assert [words.partition("walk.csv ")[2] for words in said] == [
         "cannot be written (no space left on device): the walk goes on, and it is tried again.",
         "is written again.",
     ]
     is_full[0], said[:] = True, []
-    recording = Record(tmp_path / "lost.csv", False, False, said.append)
-    recording.add(rows[:1000], None)  # with the entry on the walk
-    recording.add_lines(["{}", "{}"])
-    recording.close()
+    with closing(Record(tmp_path / "lost.csv", False, False, said.append)) as recording:
+        recording.add(rows[:1000], None)  # with the entry on the walk
+        recording.add_lines(["{}", "{}"])
     assert [words.rpartition(" lacks ")[2].split(" that")[0] for words in said[-2:]] == ["1000 samples", "3 lines"]
 
 
+@pytest.mark.usefixtures("solved_here")
 def test_a_replay_is_recorded_as_it_is_and_gives_its_walk(fg_nav, tmp_path):
     source = tmp_path / "walk.csv"
     write_canonical(short_walk(), source)
@@ -127,7 +120,6 @@ def test_a_replay_is_recorded_as_it_is_and_gives_its_walk(fg_nav, tmp_path):
     assert np.allclose(*ends, atol=1e-6)
     assert fg_nav(*words, tmp_path / "other").refused("record.csv", "--force")
     assert fg_nav("stream", source, "--record", source, "--force").refused("what is streamed")
-    assert fg_nav("stream", "udp://:1", "--speed", 2).refused("--speed")
     for speed in ("0", "-1", "nan", "fast"):
         assert fg_nav("stream", source, f"--speed={speed}").refused("--speed", "no factor")
 
@@ -135,25 +127,24 @@ def test_a_replay_is_recorded_as_it_is_and_gives_its_walk(fg_nav, tmp_path):
 def test_a_replay_takes_its_time():
     """Never faster than was asked; how much slower is up to the machine."""
     walk = short_walk()
-    replay = Replay(walk, 20.0, "a walk")
+    replay = Replay(walk, 40.0, "a walk")
     began, came = time.monotonic(), []
 
     async def read() -> None:
         while (rows := await replay.read()) is not None:
             came.extend(rows[:, 0].tolist())
-            assert came == [] or (came[-1] - walk.t[0]) / 20.0 <= time.monotonic() - began
+            assert came == [] or (came[-1] - walk.t[0]) / 40.0 <= time.monotonic() - began
 
-    asyncio.run(read())
+    asyncio.run(asyncio.wait_for(read(), 60.0))
     assert np.array_equal(came, walk.t)
 
 
 def test_two_streams_into_one_file_are_refused(rows, tmp_path):
-    path, said = tmp_path / "walk.csv", []
-    first = Record(path, False, False, said.append)
-    first.begin({})
-    for force in (False, True):
-        with pytest.raises(OutputError, match="another stream records into"):
-            Record(path, False, force, said.append)
-    first.add(rows, None)
-    first.close()
+    path = tmp_path / "walk.csv"
+    with closing(Record(path, False, False, print)) as first:
+        first.begin({})
+        for force in (False, True):
+            with pytest.raises(OutputError, match="another stream records into"):
+                Record(path, False, force, print)
+        first.add(rows, None)
     np.testing.assert_array_equal(recorded(path), rows)
