@@ -92,7 +92,9 @@ def test_lines_of_both_are_in_one_frame_after_some_strides() -> None:
     own = [one.content.t for one in lines if one.frame == "right"]
     assert 0 < len(own) < 20
     assert max(own) < 20.0
-    pairs = [pair for pair in pairwise(one for one in lines if one.content.t > max(own)) if pair[0].foot != pair[1].foot]
+    pairs = [
+        pair for pair in pairwise(one for one in lines if one.content.t > max(own)) if pair[0].foot != pair[1].foot
+    ]
     assert len(pairs) > 60
     for one, other in pairs:
         assert np.linalg.norm(one.content.position - other.content.position) < 1.0

@@ -1,4 +1,4 @@
-"""The magnetic field while the walk goes on: its gates, a magnet, what is known of north, delay and axes of the sensor."""
+"""The magnetic field while the walk goes on: its gates, a magnet, what is known of north, delay and axes."""
 
 from dataclasses import replace
 from functools import cache

@@ -54,16 +54,12 @@ int main() { setup(); for (;;) loop(); }
 """
 
 
-@pytest.fixture(scope="module")
-def counts():
-    """Registers of the sensor on a short walk, (N, 7): acc, temperature, gyr."""
-    rows = rows_of(short_walk())
-    both = np.column_stack([rows[:, 1:4] / ACC, np.full(len(rows), 777.0), rows[:, 4:7] / GYR])
-    return np.clip(np.rint(both), -32768, 32767).astype(">i2")[: len(rows) // 4 * 4]
-
-
 @pytest.mark.skipif(shutil.which("g++") is None, reason="needs g++")
-def test_it_sends_what_the_sensor_measured(counts, tmp_path):
+def test_it_sends_what_the_sensor_measured(tmp_path):
+    # Registers of the sensor on a short walk, (N, 7): acc, temperature, gyr.
+    walk = rows_of(short_walk())
+    both = np.column_stack([walk[:, 1:4] / ACC, np.full(len(walk), 777.0), walk[:, 4:7] / GYR])
+    counts = np.clip(np.rint(both), -32768, 32767).astype(">i2")[: len(walk) // 4 * 4]
     for name in ("WiFi.h", "WiFiUdp.h", "Wire.h"):
         (tmp_path / name).write_text("")
     (tmp_path / "sketch.ino").write_text(PROGRAM)

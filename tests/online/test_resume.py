@@ -179,7 +179,7 @@ def test_a_line_whose_footfall_is_none_any_more_is_taken_back_once(known):
     navigator.resume(GivenLines(list(lines), lines, [False] * n, [0.0] * n, known))
     (revision, *_) = revisions_of(push(navigator, rows_of(short_walk())))
     assert revision.retracted == (() if known else ((5, false.t),))
-    assert [one.line for one in navigator.footfalls][:10] == [0, 1, 2, 3, 4, 6, 7, 8, 9, 10]
+    assert [one.line for one in navigator.smoother.footfalls][:10] == [0, 1, 2, 3, 4, 6, 7, 8, 9, 10]
 
 
 def test_what_is_said_and_counted_is_of_the_whole_walk(tmp_path):

@@ -36,7 +36,7 @@ lines = st.one_of(
 )  # fmt: skip
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(st.lists(lines, max_size=30), st.booleans(), st.data())
 def test_the_samples_are_the_same_whatever_the_pieces(drawn, has_rate, draw):
     data = "\n".join(drawn).encode("utf-8", "surrogatepass") + b"\n"
@@ -67,8 +67,9 @@ def test_a_header_midway_in_another_order_is_used_from_there_on():
 FOREIGN = b"ts_ms,ax_g,ay_g,az_g,gx_dps,gy_dps,gz_dps,mx,my,mz,p\n"
 
 
-@pytest.mark.parametrize("other", [FOREIGN, HEADER.replace(b"acc_z_m_s2", b"t_C").replace(b"gyr_x_rad_s", b"wx")])
-@pytest.mark.parametrize("rows", [1, 1000])
+@pytest.mark.parametrize(
+    ("other", "rows"), [(FOREIGN, 1000), (HEADER.replace(b"acc_z_m_s2", b"t_C").replace(b"gyr_x_rad_s", b"wx"), 1)]
+)
 def test_behind_a_header_of_other_names_rows_are_left_out_until_it_is_one_of_before(other, rows):
     """A logger that was restarted with other software: its columns are in another order, in other units."""
     said = []
@@ -92,16 +93,14 @@ def test_a_damaged_header_or_a_message_of_the_device_changes_nothing():
 @pytest.mark.parametrize("cut", [1, 7, 30])
 def test_a_sender_that_began_before_is_read_from_its_next_header_on(cut):
     """Its first line may be the end of a row, or of a header, which then names the columns."""
-    said = []
+    said = list[str]()
     reader = RowReader("a test", said.append)
     assert len(reader.read(HEADER[cut:] + ROW * 300)) == 300
     assert "no header came" in said.pop()
     reader = RowReader("a test", said.append)
     assert len(reader.read(ROW[cut:] + ROW * 15 + HEADER + ROW * 3)) == 3
-    late = RowReader("a test", said.append)
-    assert len(late.read(ROW * 400 + HEADER + ROW)) == 1
-    assert len(said) == 1
-    assert "--columns" in said[0]
+    assert len(RowReader("a test", said.append).read(ROW * 400 + HEADER + ROW)) == 1
+    assert ["--columns" in words for words in said] == [True]
 
 
 def test_where_no_header_comes_it_is_said():
@@ -151,18 +150,15 @@ def test_columns_are_mapped_and_brought_to_si(words, text, first, block):
     assert np.array_equal(reader.read(HEADER + ROW), [SAMPLE])  # a header of ours is believed before columns
 
 
-@pytest.mark.parametrize("block", [1, 1000])
-def test_columns_units_and_counted_stamps(block):
-    columns = parse_columns("-,gz,gy,gx,ax,ay,az,-", "g,deg/s", 50.0)
-    reader = RowReader("a test", columns=columns)
-    row = b"words,3,2,1,0,0,1,\n" if block == 1 else b"7,3,2,1,0,0,1,8\n"
-    found = reader.read(row * 2 * block)
-    turn = np.radians([1.0, 2.0, 3.0])
-    assert np.allclose(found[:, 1:7], [0, 0, GRAVITY_M_S2, *turn], rtol=1e-15, atol=0)
-    assert np.array_equal(found[:, 0], np.arange(2 * block) / 50.0)
+def test_counted_stamps_go_on_behind_what_is_broken_and_what_was_away():
+    reader = RowReader("a test", columns=parse_columns("-,gz,gy,gx,ax,ay,az,-", "g,deg/s", 50.0))
+    row = b"words,3,2,1,0,0,1,\n"
+    found = np.concatenate([reader.read(row), reader.read(row.replace(b"words", b"7") * 1000)])
+    assert np.allclose(found[:, 1:7], [0, 0, GRAVITY_M_S2, *TURN], rtol=1e-15, atol=0)
+    assert np.array_equal(found[:, 0], np.arange(1001) / 50.0)
     assert np.isnan(found[:, 7:10]).all()
     after = reader.read(b"broken\n" + row, away_s=3.0)
-    assert after[0, 0] == pytest.approx((2 * block + 1) / 50.0 + 3.0)
+    assert after[0, 0] == pytest.approx(1002 / 50.0 + 3.0)
 
 
 @pytest.mark.parametrize(
@@ -194,7 +190,7 @@ def test_a_line_of_any_length_costs_no_memory_and_one_row(end):
     reader.read(HEADER)
     piece = b"0" * (1 << 16)
     tracemalloc.start()
-    for _ in range(160):
+    for _ in range(40):
         reader.read(piece)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()

@@ -1,4 +1,4 @@
-"""The smoother of a walk in progress: it ends where the batch ends, and what it finds of rests, bias, field and iron."""
+"""The smoother of a walk in progress: it ends where the batch ends, with what it found of the sensor."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -20,7 +20,6 @@ from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.parameters import FieldParameters
 from tests.online.walks import (
     FOOTFALLS,
-    add,
     farthest,
     fed,
     footfall_at,

@@ -33,7 +33,9 @@ def walk_of(*parts: np.ndarray) -> PartialWalk:
 
 def test_who_stands_does_not_clip_and_a_part_clips_where_the_walk_did() -> None:
     # Gravity that is flat between two taps, as the top of a peak is that was cut.
-    standing = np.tile([0.0, 0.0, GRAVITY_M_S2], (1200, 1)) + 0.008 * np.random.default_rng(1).standard_normal((1200, 3))
+    standing = np.tile([0.0, 0.0, GRAVITY_M_S2], (1200, 1)) + 0.008 * np.random.default_rng(1).standard_normal(
+        (1200, 3)
+    )
     for start in range(110, len(standing), 370):
         standing[start : start + 2] *= 0.96
     assert np.isfinite(find_clipping_levels(standing)).any()  # by itself it looks like it

@@ -184,7 +184,7 @@ def spoil(
     fails: Callable[..., bool] = lambda number, *given: False,
     error: Exception = RuntimeError("Indeterminate linear system detected"),
 ) -> list[object]:
-    """Let the calls of a function fail that `fails` chooses by their number, from one on, and arguments; all of them."""
+    """Let calls of a function fail that `fails` chooses by number, from one on, and arguments; return all calls."""
     called, calls = getattr(owner, name), list[object]()
 
     def spoiled(*given: object) -> object:
