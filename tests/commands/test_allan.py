@@ -14,14 +14,10 @@ from fg_nav.recording import Recording
 from tests.command_line import names
 
 
-@pytest.fixture(scope="module")
-def table():
-    """A minute of a sensor on a table; its magnetometer has every second row."""
+def test_table_picture_and_figures(fg_nav):
+    """Of a minute of a sensor on a table; its magnetometer has every second row."""
     scenario = replace(SCENARIOS["at-rest"], route=lambda rng: [Stand(65.0)])
-    return simulate(scenario, 1, Choices(sensor="mpu-9250", rate_hz=200.0))
-
-
-def test_table_picture_and_figures(fg_nav, table):
+    table = simulate(scenario, 1, Choices(sensor="mpu-9250", rate_hz=200.0))
     write_canonical(table.recording, Path("table.csv"))
     allan = ("lab", "allan", "table.csv", "--out", "noise")
     ran = fg_nav(*allan)
@@ -49,5 +45,5 @@ def test_table_picture_and_figures(fg_nav, table):
     assert ran.code == 0
     assert "magnetometer" not in ran.out
     assert json.loads(Path("dead/allan.json").read_text())["sensors"]["acc"]["x"]["N"]["seen"] is False
-    write_canonical(simulate("demo", 1).recording, Path("walk.csv"))
-    assert fg_nav("lab", "allan", "walk.csv", "--out", "walk").refused("too short for an Allan deviation")
+    write_canonical(table.recording.slice(0, 2000), Path("short.csv"))
+    assert fg_nav("lab", "allan", "short.csv", "--out", "walk").refused("too short for an Allan deviation")

@@ -38,6 +38,8 @@ def test_what_is_written_is_read_back_to_the_last_bit(fg_nav: FgNav, ending: str
     assert out.read_bytes() == before
     assert fg_nav("convert", tmp_path / "walk.csv", out, "--force").code == 0
     assert out.read_bytes() == before
+    (tmp_path / f"folder{ending}").mkdir()
+    assert fg_nav("convert", out, tmp_path / f"folder{ending}").refused("is a folder")
 
 
 def test_remarks_are_said_and_a_sensor_without_use_is_written(fg_nav: FgNav, tmp_path) -> None:
@@ -48,16 +50,6 @@ def test_remarks_are_said_and_a_sensor_without_use_is_written(fg_nav: FgNav, tmp
     assert "these samples cannot be navigated with" in said["remarks"][0]
     write_table(RAW, tmp_path / "table.csv")
     assert "remark" not in fg_nav("convert", tmp_path / "table.csv", "table.csv").out
-
-
-def test_what_cannot_be_written_is_refused(fg_nav: FgNav, tmp_path) -> None:
-    file = tmp_path / "walk.csv"
-    write_canonical(RAW, file)
-    assert fg_nav("convert", file, "out.xlsx").refused("out.xlsx", ".csv, .csv.gz, .parquet")
-    assert fg_nav("convert", file, file, "--force").refused("is the file to read")
-    (tmp_path / "folder.csv").mkdir()
-    assert fg_nav("convert", file, tmp_path / "folder.csv").refused("is a folder")
-    assert fg_nav("convert", tmp_path / "none.csv", "out.csv").refused("does not exist")
 
 
 def test_columns_and_rate_for_a_file_without_a_header(fg_nav: FgNav, tmp_path) -> None:
@@ -71,5 +63,3 @@ def test_columns_and_rate_for_a_file_without_a_header(fg_nav: FgNav, tmp_path) -
     assert said["stamps"]["rate_hz"] == pytest.approx(100.0)
     assert fg_nav("convert", tmp_path / "walk.txt", "out.csv", *columns, "--rate", 100).code == 0
     np.testing.assert_allclose(read_raw("out.csv").gyr, RAW.gyr, atol=1e-9)
-    assert fg_nav("run", tmp_path / "walk.txt", "--columns", "acc=1:2").refused("three columns")
-    assert fg_nav("inspect", tmp_path / "walk.txt", *columns, "--format", "xio").refused("--columns maps a table")

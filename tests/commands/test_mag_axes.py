@@ -1,6 +1,5 @@
 """A magnetometer with axes of its own: said by every verb, used only with `--mag-axes`."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +10,7 @@ from fg_nav.calibration.of_recording import read_calibration
 from fg_nav.io import read, write_canonical
 from fg_nav.magnetic.axes import MagAxes
 from tests.command_line import FgNav
+from tests.commands.folders import config, summary
 from tests.magnetic.turning_walks import minute
 
 AXES = "-y,-x,z"  # A mirror.
@@ -25,14 +25,8 @@ def turned(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def summary(folder: str) -> dict[str, object]:
-    content = json.loads((Path(folder) / "summary.json").read_text())
-    assert isinstance(content, dict)
-    return content
-
-
 def test_a_run_leaves_it_out_and_says_what_to_give(fg_nav: FgNav, turned: Path) -> None:
-    assert fg_nav("run", turned, "--method", "iez", "--out", "plain").code == 0
+    assert fg_nav("run", turned, "--method", "iez", "--plots", "none", "--out", "plain").code == 0
     said = summary("plain")
     assert "axes" in str(said["magnetometer"])
     assert f"--mag-axes={AXES}" in str(said["notes"])
@@ -41,10 +35,8 @@ def test_a_run_leaves_it_out_and_says_what_to_give(fg_nav: FgNav, turned: Path) 
     said = summary("given")
     assert "mag-axes" not in str(said["notes"])
     assert "ms late" in str(said["notes"])
-    delay = said["magnetometer_delay"]
-    assert isinstance(delay, dict)
-    assert delay["tau_s"] == pytest.approx(0.022, abs=0.001)
-    assert json.loads(Path("given/config.json").read_text())["mag_axes"] == AXES
+    assert said["magnetometer_delay"]["tau_s"] == pytest.approx(0.022, abs=0.001)
+    assert config("given")["mag_axes"] == AXES
 
 
 def test_inspect_and_detect_say_it(fg_nav: FgNav, turned: Path) -> None:
@@ -63,17 +55,16 @@ def test_a_calibration_is_of_the_axes_given(fg_nav: FgNav, turned: Path) -> None
     write_canonical(MagAxes.parse(AXES).apply_to(read(turned)), Path("right.csv"))
     assert fg_nav("calibrate", Path("right.csv"), "--out", "right.json", "--method", "walk").code == 0
     given, right = (read_calibration(Path(name)).magnetometer for name in ("c.json", "right.json"))
-    assert given is not None
-    assert right is not None
     np.testing.assert_allclose(given.hard_iron_uT, right.hard_iron_uT, atol=1e-3)
 
 
+@pytest.mark.usefixtures("solved_here")
 def test_a_stream_is_turned_row_by_row(fg_nav: FgNav, turned: Path) -> None:
     short = Path("short.csv")
     short.write_text("".join(turned.read_text().splitlines(keepends=True)[:2400]))
-    assert f"--mag-axes={AXES}" in fg_nav("stream", short, "--silence", "0.1", "--lag", "30").err
-    ran = fg_nav("stream", short, "--silence", "0.1", f"--mag-axes={AXES}", "--out", "out")
+    assert f"--mag-axes={AXES}" in fg_nav("stream", short, "--speed", "max", "--lag", "30").err
+    ran = fg_nav("stream", short, "--speed", "max", f"--mag-axes={AXES}", "--out", "out")
     assert ran.code == 0
     assert "mag-axes" not in ran.err
     assert "ms late" in str(summary("out")["notes"])
-    assert json.loads(Path("out/config.json").read_text())["mag_axes"] == AXES
+    assert config("out")["mag_axes"] == AXES
