@@ -1,4 +1,4 @@
-"""`fg-nav detect`, and the verdicts on the field in the results of every method."""
+"""`fg-nav detect`, the verdicts on the field in the results of every method, and `fg-nav lab allan`."""
 
 import json
 from dataclasses import replace
@@ -11,10 +11,12 @@ import pytest
 from fg_nav.frames import wrap_angle
 from fg_nav.io import write_canonical
 from fg_nav.lab.field_survey import SURVEYED, USUAL, require_field
-from fg_nav.lab.simulation import simulate
+from fg_nav.lab.simulation import SCENARIOS, Choices, simulate
+from fg_nav.lab.simulation.plan import Stand
 from fg_nav.lab.verbs.detect import DETECT_FILES
 from fg_nav.magnetic.detectors import DEFAULT, apply_gate
 from fg_nav.pipeline import prepare_walk
+from fg_nav.recording import Recording
 from fg_nav.smoother.graph import KINDS
 from fg_nav.walk import read_walk
 from tests.command_line import FgNav, names
@@ -123,3 +125,41 @@ def test_what_passes_the_gate_is_what_the_graph_has_and_what_all_files_say(
     # while a walk goes on, each piece of a long standing is a footfall of the graph, and one row
     assert counted == rows if method == "smoother" else np.greater_equal(counted, rows).all()
     assert f"{graph['imu']} imu" in Path("out/report.html").read_text()
+
+
+# --- noise -----------------------------------------------------------------------------------------------------------
+
+
+def test_table_picture_and_figures(fg_nav):
+    """Of a minute of a sensor on a table; its magnetometer has every second row."""
+    scenario = replace(SCENARIOS["at-rest"], route=lambda rng: [Stand(65.0)])
+    table = simulate(scenario, 1, Choices(sensor="mpu-9250", rate_hz=200.0))
+    write_canonical(table.recording, Path("table.csv"))
+    allan = ("lab", "allan", "table.csv", "--out", "noise")
+    ran = fg_nav(*allan)
+    assert ran.code == 0
+    said = ran.out
+    assert fg_nav(*allan).refused("--force")
+    again = fg_nav(*allan, "--force", "--json")
+    found = json.loads(Path("noise/allan.json").read_text())
+    assert json.loads(again.out) == {"folder": "noise", **found}
+    assert names(Path("noise")) == {"allan.json", "allan.png"}
+    assert found["seconds"] == pytest.approx(65.0, abs=1.5)
+    gyr, density = found["sensors"]["gyr"], table.scenario.prior.gyr.noise_density
+    assert gyr["x"]["N"]["value"] == pytest.approx(density, rel=0.05)
+    assert len(gyr["z"]["tau_s"]) == len(gyr["z"]["deviation"]) == len(gyr["z"]["low"])
+    assert found["sensors"]["mag"]["rate_hz"] == pytest.approx(100.0, rel=1e-3)
+    for words in ("gyroscope, 200 Hz", "deg/s/√Hz", "accelerometer", "magnetometer, 100 Hz", "nT/√Hz", "< "):
+        assert words in said
+    line = next(line for line in said.splitlines() if line.startswith("x"))
+    assert float(line.split()[1]) == pytest.approx(np.degrees(density), rel=0.05)
+    # without a magnetometer, and with a dead axis
+    acc = table.recording.acc.copy()
+    acc[:, 0] = acc[0, 0]
+    write_canonical(Recording(table.recording.t, acc, table.recording.gyr), Path("dead.csv"))
+    ran = fg_nav("lab", "allan", "dead.csv", "--out", "dead")
+    assert ran.code == 0
+    assert "magnetometer" not in ran.out
+    assert json.loads(Path("dead/allan.json").read_text())["sensors"]["acc"]["x"]["N"]["seen"] is False
+    write_canonical(table.recording.slice(0, 2000), Path("short.csv"))
+    assert fg_nav("lab", "allan", "short.csv", "--out", "walk").refused("too short for an Allan deviation")
