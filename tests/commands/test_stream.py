@@ -15,19 +15,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fg_nav.calibration import MagnetometerCalibration
+from fg_nav.calibration.inertial import AccelerometerCalibration
+from fg_nav.calibration.of_recording import Calibration
 from fg_nav.commands import stream
 from fg_nav.commands.shared import Target
 from fg_nav.commands.stream import End, LinePrinter, save_end
 from fg_nav.errors import OutputError
+from fg_nav.frames import compute_heading
 from fg_nav.io import write_canonical
-from fg_nav.online.follow import FollowedWalk, Sensor, StreamOptions, follow
-from fg_nav.online.rows import RowReader
+from fg_nav.magnetic.axes import MagAxes
+from fg_nav.online import OnlineNavigator
+from fg_nav.online.buffer import rows_of
+from fg_nav.online.follow import FollowedWalk, Sensor, StreamOptions, describe_walk, follow
+from fg_nav.online.rows import RowReader, parse_columns
 from fg_nav.online.sources import TextSource, open_source
+from fg_nav.recording import NOMINAL_SIGMA
 from fg_nav.report.files import summarize_lagged, write_footfalls, write_lagged
 from fg_nav.view.outlets import Outlets
 from tests.command_line import names
 from tests.commands.folders import strides, summary
-from tests.online.walks import NORTH, short_walk, whole_walk, worst_difference
+from tests.online.walks import NORTH, push, short_walk, whole_walk, worst_difference
 
 
 @pytest.fixture(autouse=True)
@@ -106,6 +114,48 @@ def test_a_stalled_source_is_told_and_waited_for(csv):
     assert "again" in remarks[1]
     over, _, _ = followed(Pieces(data[:middle], data[middle:], silent=10**6), until_silent_s=0.1)
     assert 0 < len(over.footfalls) < len(whole.footfalls)
+
+
+def test_samples_are_corrected_as_those_of_a_recording_and_counted_stamps_have_the_doubt_of_their_rate(csv):
+    """The axes of the magnetometer first, then its calibration."""
+    accelerometer = AccelerometerCalibration(1.01, 1e-4, np.array([0.1, 0.0, -0.1]), np.ones(3), 9.81, 6, 60.0, True)
+    soft = np.diag([1.1, 0.9, 1.0])
+    magnetometer = MagnetometerCalibration("loop", np.array([3.0, -2.0, 1.0]), soft, 0.01 * np.eye(9), 48.0, 1.0, 1000)
+    given, axes = Calibration("x", magnetometer=magnetometer, accelerometer=accelerometer), MagAxes.parse("y,-x,z")
+    navigator, _, _ = followed(Pieces(csv.read_bytes()), calibration=given, mag_axes=axes)
+    rows, sent = navigator.buffer.between(0, len(short_walk())), short_walk()
+    np.testing.assert_allclose(rows[:, 1:4], accelerometer.correct(sent.acc), atol=1e-9)
+    np.testing.assert_allclose(rows[:, 7:10], magnetometer.correct(sent.mag @ axes.P.T), atol=1e-9)
+    # As by a share of the rate of what was walked: force is integrated twice.
+    body = b"".join(csv.read_bytes().splitlines(keepends=True)[1:])
+    counted = parse_columns("-,ax,ay,az,gx,gy,gz,mx,my,mz", None, 100.0)
+    _, lines, _ = followed(Pieces(body), columns=counted)
+    line, plain = [one for one in lines if one["kind"] == "now"][-1], whole_walk()[0].causal()
+    np.testing.assert_allclose(line["position_m"], plain.position[-1], atol=1e-5)
+    expected = np.hypot(plain.position_sigma[-1], 2.0 * NOMINAL_SIGMA * np.abs(plain.position[-1]))
+    np.testing.assert_allclose(line["position_sigma_m"], expected, rtol=1e-3)
+
+
+def test_the_state_between_footfalls_is_that_of_the_newest_sample():
+    navigator = whole_walk()[0]
+    pose, told = navigator.pose(), describe_walk([navigator])
+    assert told["t"] == round(navigator.buffer.newest_s, 6) == round(float(short_walk().t[-1]), 6)
+    np.testing.assert_allclose(told["position_m"], pose.position[-1], atol=1e-5)
+    assert (told["standing"], told["floor"], told["returns"]) == (True, navigator.floor, [])
+    assert 0.0 <= told["heading_deg"] < 360.0
+    heading = np.degrees(compute_heading(pose.nav_R_body[-1]))
+    assert abs((told["heading_deg"] - heading + 180.0) % 360.0 - 180.0) < 1e-3
+    swinging = OnlineNavigator(NORTH)
+    push(swinging, rows_of(short_walk())[:640])
+    both = describe_walk([navigator, swinging])
+    assert (both["t"], both["standing"], both["position_m"], both["heading_deg"]) == (
+        told["t"],
+        swinging.stands,
+        None,
+        None,
+    )
+    begun = describe_walk([OnlineNavigator(NORTH)])
+    assert (begun["t"], begun["position_m"]) == (None, None)
 
 
 def test_a_growing_file_is_followed(csv, tmp_path):

@@ -205,7 +205,10 @@ async def test_datagrams_that_find_no_room_are_counted_and_said_once(monkeypatch
 
 @in_loop
 async def test_a_server_that_comes_later_and_breaks_off_is_waited_for():
-    """The row that was cut off is left out; the header may come again, and in another order."""
+    """The row that was cut off is left out; the header may come again, and in another order.
+
+    A connection that brings nothing is none: the source is away until something comes.
+    """
 
     def serve(data: bytes) -> None:
         connection, _ = door.accept()
@@ -223,10 +226,13 @@ async def test_a_server_that_comes_later_and_breaks_off_is_waited_for():
             for data, stamps in (
                 (HEADER + row(0) + row(1) + row(2)[:7], [0, 1]),
                 (backward + b"0,0,0,9.8,0,0,3.5\n" + b"0,0,0,9.8,0,0,4.5\n", [3, 4]),
+                (b"", []),
                 (HEADER + row(5), [5]),
             ):
+                await asyncio.sleep(0.0 if stamps[:1] == [0] else 0.15)
                 await asyncio.to_thread(serve, data)
                 assert await collect(opened.samples, len(stamps)) == stamps
+            assert 0.25 < opened.samples.away_s < PATIENCE_S
         assert len(opened.said) == 1
 
 

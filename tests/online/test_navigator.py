@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fg_nav.detection import detect_stances
-from fg_nav.errors import DetectionError, EstimationError, FgNavError, RecordingError
+from fg_nav.errors import DetectionError, EstimationError, FgNavError
 from fg_nav.estimators import METHODS
 from fg_nav.evaluation.metrics import measure_gap
 from fg_nav.magnetic import average_footfall_field
@@ -189,14 +189,6 @@ def test_a_recording_keeps_its_samples_and_its_stamps(first, step_s):
     np.testing.assert_array_equal(found.t, t)
     assert found.runtime_s > 0.1
     assert not any("times" in note for note in found.notes)
-
-
-@pytest.mark.parametrize(("column", "factor", "word"), [(slice(1, 4), 0.102, "in g"), (slice(7, 10), 0.01, "gauss")])
-def test_a_wrong_unit_is_refused_as_in_a_file(column, factor, word):
-    rows = rows_of(short_walk())
-    rows[:, column] *= factor
-    with pytest.raises(RecordingError, match=word):
-        push(OnlineNavigator(NORTH), rows, range(50, len(rows), 50))
 
 
 def test_there_is_no_end_without_a_walk():

@@ -26,6 +26,7 @@ from fg_nav.online.follow import Sensor, StreamOptions, follow
 from fg_nav.online.record import GivenLines, Record
 from fg_nav.online.rows import RowReader
 from fg_nav.online.sources import Replay, TextSource
+from fg_nav.samples.delivery import WINDOW
 from fg_nav.view.outlets import Outlets
 from tests.online.walks import NORTH, push, revisions_of, short_walk, solve_in_windows, whole_walk
 
@@ -186,14 +187,14 @@ def test_a_line_whose_footfall_is_none_any_more_is_taken_back_once(known):
 
 
 def test_what_is_said_and_counted_is_of_the_whole_walk(tmp_path):
-    """What was lost before an interruption counts on, and is not said again."""
-    rows = np.delete(rows_of(short_walk()), slice(300, 1300, 50), axis=0)
+    """What was lost before an interruption counts on, and is not said again; also at both sides of a full window."""
+    rows = np.delete(rows_of(short_walk()), np.r_[WINDOW, WINDOW + 2, 300:1300:50], axis=0)
     texts = ["".join(f"{','.join(map(repr, row[:10].tolist()))}\n" for row in part) for part in (rows[:900], rows)]
     names, said = ",".join(CANONICAL[:10]) + "\n", list[str]()
     for text in texts:
         navigator, _ = walk_on(tmp_path / "r.csv", Sent((names + text).encode()), remarks=said)
-    assert navigator.lost == {"samples": 20, "came": len(rows), "datagrams": 0}
-    assert any(f"20 samples of {len(rows) + 20}" in words for words in said)
+    assert navigator.lost == {"samples": 22, "came": len(rows), "datagrams": 0}
+    assert any(f"22 samples of {len(rows) + 22}" in words for words in said)
     assert sum("samples are lost on the way" in words for words in said) == 1
 
 

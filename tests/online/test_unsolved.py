@@ -38,37 +38,21 @@ def walk(rows: np.ndarray | None = None, remark: Callable[[str], None] = lambda 
     return walked(rows, replace(NORTH, **more), remark, range(40, len(rows), 40))[0]
 
 
-class Failing:
-    """Breaks a function from footfall `begins` on: for so many footfalls, or so many calls of one footfall."""
+def break_at(monkeypatch, place: object, name: str, footfalls=1, calls=10**9, instead=None, begins=BEGINS) -> list[int]:
+    """Break a function from a footfall on: for so many footfalls, and so many calls of each; of which it failed."""
+    usual, added, failed = getattr(place, name), spoil(monkeypatch, OnlineSmoother, "add_footfall"), []
 
-    def __init__(self, monkeypatch, footfalls: int = 1, calls: int = 10**9, begins: int = BEGINS):
-        self._monkeypatch = monkeypatch
-        self._footfalls, self._calls = range(begins, begins + footfalls), calls
-        self._now, self.failed = -1, 0
-        add = OnlineSmoother.add_footfall
-
-        def counted(smoother: OnlineSmoother, *given):
-            self._now, self._left = smoother.n_reported, self._calls
-            try:
-                return add(smoother, *given)
-            finally:
-                self._now = -1
-
-        monkeypatch.setattr(OnlineSmoother, "add_footfall", counted)
-
-    def breaks(self, place: object, name: str, instead: Callable | None = None) -> None:
-        usual = getattr(place, name)
-
-        def failing(*given, **named):
-            if self._now in self._footfalls and self._left > 0:
-                self._left -= 1
-                self.failed += 1
-                if instead is None:
-                    raise RuntimeError("Indeterminate linear system detected")
-                return instead(usual(*given, **named))
+    def failing(*given, **named):
+        now = len(added) - 1
+        if now not in range(begins, begins + footfalls) or failed.count(now) >= calls:
             return usual(*given, **named)
+        failed.append(now)
+        if instead is None:
+            raise RuntimeError("Indeterminate linear system detected")
+        return instead(usual(*given, **named))
 
-        self._monkeypatch.setattr(place, name, failing)
+    monkeypatch.setattr(place, name, failing)
+    return failed
 
 
 NOT_A_NUMBER = partial(np.full_like, fill_value=np.nan)
@@ -87,10 +71,9 @@ NOT_A_NUMBER = partial(np.full_like, fill_value=np.nan)
 )
 def test_what_of_a_footfall_has_no_solution(monkeypatch, undisturbed, place, name, footfalls, calls, instead, growth):
     """All footfalls given, finite; sigmas grow where it failed, and the strides behind that are those of the walk."""
-    fault = Failing(monkeypatch, footfalls, calls)
-    fault.breaks(place, name, instead)
+    failed = break_at(monkeypatch, place, name, footfalls, calls, instead)
     navigator = walk()
-    assert fault.failed == footfalls * calls
+    assert len(failed) == footfalls * calls
     table, smoothed = navigator.causal(), navigator.smoothed()
     assert len(table) == len(undisturbed)
     for column in (table.position, table.position_cov, table.heading_sigma, table.gyro_bias_sigma, table.nav_R_body):
@@ -122,10 +105,9 @@ def test_a_rest_of_an_update_that_failed_is_counted_with_the_next(monkeypatch):
     given = np.concatenate([rows, more]), replace(NORTH.parameters, gyr_density_deg_s=0.015)
     usual = walk(given[0], parameters=given[1])
     first = next(k for k, footfall in enumerate(usual.footfalls) if footfall.continues)
-    fault = Failing(monkeypatch, calls=1, begins=first)
-    fault.breaks(Window, "_update")
+    failed = break_at(monkeypatch, Window, "_update", calls=1, begins=first)
     found, expected = (n.causal().gyro_bias_sigma[:, 0] for n in (walk(given[0], parameters=given[1]), usual))
-    assert fault.failed == 1
+    assert failed == [first]
     assert found[first] > 1.1 * expected[first]  # two seconds show little beyond the standing before: slow sway
     assert expected[first + 1] <= found[first + 1] < 1.27 * expected[first + 1]
 
