@@ -109,6 +109,9 @@ def test_a_map_that_is_revised_is_no_stride_and_no_speed() -> None:
     revision = Revision(22.8, 0.5, (), np.array([[0.0, 0.0, 0.0, 0.0], [22.8, 0.0, 26.6, 0.0]]))
     assert judge(verdict, revision, estimate(20, 24.0, [0.0, 28.0, 0.0])).word == "trusted"
     assert judge(verdict, revision) is None
+    standing = seen()
+    walk(standing)
+    assert standing.judge([estimate(20, 36.0, [26.6, 0.0, 0.0])], [True] * 30)[-1][1].word == "trusted"
     verdict, epoch = LineVerdict(), 1.7e9
     lines = [estimate(k, epoch + 1.2 * k, [1.6 * k, 0.0, 0.0]) for k in range(21)]
     judge(verdict, *lines[:20])

@@ -84,6 +84,11 @@ def test_anchor_states_behind_footfalls_that_were_taken_back_are_left_out():
     earlier = replace(online.initial, stance=starts[-2].stance)
     kept = window_anchors(starts, earlier, footfalls, None, WINDOW)
     assert [one.stance for one in kept] == [one.stance for one in [*starts[:-1], earlier]]
+    # Those are kept that are not farther back than the last one that is a whole window, or a lag, back.
+    newest, one = online.initial.stance, starts[-2].stance
+    for lag_s, window in ((None, newest.number - one.number), (newest.t - one.t, WINDOW)):
+        kept = window_anchors(starts[:-1], online.initial, online.footfalls, lag_s, window)
+        assert [anchor.stance for anchor in kept] == [one, newest]
 
 
 @pytest.mark.usefixtures("windows")
