@@ -9,7 +9,7 @@ import pytest
 from fg_nav.detection.causal import CausalParameters, CausalStances
 from fg_nav.frames import compute_heading, yaw_rotation
 from fg_nav.online.buffer import OnlineOptions, ReportedFootfall
-from fg_nav.online.estimates import MAX_POINTS, Revision, StanceEstimate, compare_pasts, format_revision
+from fg_nav.online.estimates import Revision, StanceEstimate, compare_pasts, format_revision
 from fg_nav.online.resolve import OPEN_S, UNREPORTED, review_footfalls
 from tests.online.walks import (
     add,
@@ -103,7 +103,7 @@ def test_lines_whose_footfalls_were_none_are_retracted_before_the_path():
 def test_the_path_is_all_of_the_walk_in_two_hundred_points_at_most(count):
     rows = straight(count)
     path = np.array(lines(compare_pasts(rows[-10:], rows, max(count - 10, 0), []))[-1]["path"])
-    assert path.shape == (min(count, MAX_POINTS), 4)
+    assert path.shape == (min(count, 200), 4)
     np.testing.assert_allclose(path[-1], [count - 1, 0.0, 1.3 * (count - 1), 0.0], atol=1e-3)
     np.testing.assert_allclose(path[0], 0.0)
     gaps = np.diff(path[:, 0])
