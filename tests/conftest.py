@@ -28,3 +28,12 @@ def fg_nav(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], 
         return Ran(code if isinstance(code, int) else 0, said.out, said.err)
 
     return call
+
+
+@pytest.fixture
+def solved_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let `fg-nav stream` solve its walk in this process: another one takes seconds to begin."""
+    from fg_nav.commands import stream
+
+    options = stream.StreamOptions
+    monkeypatch.setattr(stream, "StreamOptions", lambda **given: options(**given | {"background": False}))

@@ -1,22 +1,25 @@
-"""`--config` feeds back what a result was made with, `--set` changes parameters; several recordings are one call."""
+"""`--config` and `--preset` choose parameters, `--set` changes them; several recordings are one call."""
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from fg_nav.commands import config
+from fg_nav.ekf.presets import AS_PRINTED, GATED, NOT_RUN, PHYSICAL, PRESETS, TUNED, TUNED_PARAMETERS, find_parameters
 from fg_nav.errors import ConfigError, EstimationError, FgNavError
 from fg_nav.estimators import METHODS, choose_parameters
 from fg_nav.io import write_canonical
 from fg_nav.lab.simulation import simulate
 from fg_nav.magnetic.detectors import Detector
-from fg_nav.pipeline import navigate
+from fg_nav.pipeline import navigate, prepare_walk, run_method
 from fg_nav.smoother import SmootherParameters
 from fg_nav.text import Changes, change_parameters
-from fg_nav.walk import Options
+from fg_nav.walk import Options, Walk
 from tests.command_line import FgNav, names
+from tests.commands.folders import read_json, summary
 
 
 @pytest.fixture(scope="module")
@@ -28,22 +31,22 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_configuration_gives_the_same_result(fg_nav: FgNav, walk: Path) -> None:
     settings = ("--set", "qsf.inertial.acc_density=0.03", "--set", "detector.threshold=2e4")
-    given = ("--method", "qsf", "--preset", "physical", "--heading", "40", *settings)
+    given = ("--plots", "none", "--method", "qsf", "--preset", "physical", "--heading", "40", *settings)
     assert fg_nav("run", walk, *given, "--out", "first").code == 0
-    ran = fg_nav("run", walk, "--config", "first/config.json", "--out", "again")
+    ran = fg_nav("run", walk, "--config", "first/config.json", "--plots", "none", "--out", "again")
     assert (ran.code, ran.err) == (0, "")
     for name in ("trajectory.tum", "strides.csv", "config.json"):
         assert Path("first", name).read_text() == Path("again", name).read_text()
-    effective = json.loads(Path("again/config.json").read_text())
+    effective = read_json("again", "config.json")
     assert effective["parameters"]["inertial"]["acc_density"] == 0.03
     assert effective["detector"]["threshold"] == 2e4
     # Options and --set win over it, and another recording does not take the heading of this one.
     elsewhere = Path("other.csv")
     elsewhere.write_bytes(walk.read_bytes())
-    words = ("--config", "first/config.json", "--alignment", "se3", "--set", "qsf.inertial.acc_density=0.04")
-    ran = fg_nav("run", elsewhere, *words, "--out", "third")
+    words = ("--config", "first/config.json", "--alignment", "se3", "--set", "qsf.inertial.acc_density=0.04", "--plots")
+    ran = fg_nav("run", elsewhere, *words, "none", "--out", "third")
     assert ran.err == f"note: the configuration is of {walk}: its heading left out for other.csv\n"
-    other = json.loads(Path("third/config.json").read_text())
+    other = read_json("third", "config.json")
     assert other["parameters"]["inertial"]["acc_density"] == 0.04
     assert (other["alignment"], other["heading_deg"]) == ("se3", None)
 
@@ -52,7 +55,7 @@ def test_several_recordings_are_one_table_and_a_bad_one_stops_no_other(fg_nav: F
     Path("broken.csv").write_text("time_s,acc_x_m_s2\n")
     Path("walk.csv").write_bytes(walk.read_bytes())
     files = (walk, "broken.csv", "walk.csv", walk)
-    ran = fg_nav("run", *files, "--method", "iez", "--out", "out")
+    ran = fg_nav("run", *files, "--method", "iez", "--plots", "none", "--out", "out")
     assert ran.code == 1
     assert names(Path("out")) == {"walk-iez", "walk-2-iez"}
     assert ran.err.startswith("fg-nav: 1 of 3 recordings failed. broken.csv")
@@ -62,7 +65,6 @@ def test_several_recordings_are_one_table_and_a_bad_one_stops_no_other(fg_nav: F
     found = json.loads(ran.out)
     assert [one.get("usable") for one in found] == [True, None, True]
     assert found[1]["error"] in json.loads(ran.err)["error"]
-    assert fg_nav("run", *files, "--truth", "truth.tum").refused("--truth", "one by one")
 
 
 def choose(known: config.Config | None, words: Sequence[str], methods: Sequence[str], preset: str = "tuned") -> Changes:
@@ -127,10 +129,10 @@ def test_card_has_compass_and_differential_field_alone(fg_nav: FgNav, walk: Path
     assert (found.magnetic.compass, found.magnetic.differential, found.acc_density) == (True, True, 0.02)
     assert (found.magnetic.potential, found.walk.places) == (False, False)
     assert fg_nav("run", walk, "--magnetic", "card", "--plots", "none", "--out", "one").code == 0
-    summary, written = (json.loads(Path("one", f"{name}.json").read_text()) for name in ("summary", "config"))
-    assert (summary["method"], written["given"]["magnetic"]) == ("smoother", "card")
-    assert summary["graph"]["field_potential"] == 0
-    assert summary["graph"]["magnetic_heading"] > 0
+    said, written = summary("one"), read_json("one", "config.json")
+    assert (said["method"], written["given"]["magnetic"]) == ("smoother", "card")
+    assert said["graph"]["field_potential"] == 0
+    assert said["graph"]["magnetic_heading"] > 0
     # What it leaves out is not taken from its configuration by the smoother.
     known = config.read_config(Path("one/config.json"))
     changes = config.select_changes(choose(known, (), ["smoother"]), "smoother")
@@ -174,3 +176,56 @@ def test_a_configuration_is_checked(tmp_path: Path) -> None:
     path.write_text("{")
     with pytest.raises(ConfigError, match="Invalid JSON"):
         config.read_config(path)
+
+
+# --- presets ---------------------------------------------------------------------------------------------------------
+
+
+FILTERS = ("iez", *GATED, "aiez")
+
+
+@pytest.fixture(scope="module")
+def prepared() -> Walk:
+    return prepare_walk(Walk.of(simulate("demo", 5).recording.slice(0, 6000)))
+
+
+@pytest.mark.parametrize("method", FILTERS)
+def test_each_filter_runs_in_each_preset_by_default_as_tuned(prepared: Walk, method: str) -> None:
+    assert find_parameters(method) == find_parameters(method, TUNED)
+    assert (find_parameters(method, TUNED) == find_parameters(method, PHYSICAL)) == (method not in TUNED_PARAMETERS)
+    ends = set()
+    for preset in PRESETS:
+        outcome = run_method(replace(prepared, options=replace(prepared.options, preset=preset)), method)
+        said = preset == AS_PRINTED and method in NOT_RUN
+        assert (NOT_RUN.get(method) in outcome.solution.notes) == said
+        ends.add(tuple(outcome.solution.position[-1]))
+    assert len(ends) >= 2
+
+
+def test_compare_takes_filters_beside_the_smoother_and_says_what_of_a_preset_is_not_run(
+    fg_nav: FgNav, prepared: Walk
+) -> None:
+    write_canonical(prepared.recording, Path("walk.csv"))
+    words = ("--methods", "smoother,ma2018,aiez", "--preset", "as-printed", "--plots", "none", "--out", "out")
+    ran = fg_nav("compare", "walk.csv", *words)
+    assert ran.code == 0, ran.err
+    ma, aiez = (read_json(f"out/{name}", "config.json")["parameters"] for name in ("ma2018", "aiez"))
+    assert ma["levelled_by_force"] is aiez["hdr_as_printed"] is True
+    assert NOT_RUN["ma2018"] in summary("out/ma2018")["notes"]
+
+
+def test_unknown_filters_and_presets_are_refused() -> None:
+    with pytest.raises(EstimationError, match=r"no preset 'physical' of 'smoother': .*aiez, matched"):
+        find_parameters("smoother", PHYSICAL)
+    with pytest.raises(EstimationError, match=r"no preset 'as-printed' of 'matched-rts': .*aiez\."):
+        find_parameters("matched-rts", AS_PRINTED)
+    with pytest.raises(EstimationError, match="no preset 'best'"):
+        find_parameters("iez", "best")
+
+
+def test_as_printed_has_the_figures_of_the_papers() -> None:
+    ma, zhang = find_parameters("ma2018", AS_PRINTED), find_parameters("aiez", AS_PRINTED)
+    assert (ma.detector.threshold, ma.detector.window) == (170.0, 3)
+    assert ma.compass_sigma_deg == pytest.approx(3.84, abs=0.01)  # 0.067 rad
+    assert zhang.hdr_as_printed
+    assert not zhang.detector.counts_drift

@@ -1,29 +1,41 @@
 """`fg-nav stream`: whatever happens to the stream, the walk goes on, and its end is written."""
 
 import asyncio
+import errno
 import json
 import os
 import signal
+import sys
 import threading
-import time
 from contextlib import closing
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 
+from fg_nav.calibration import MagnetometerCalibration
+from fg_nav.calibration.inertial import AccelerometerCalibration
+from fg_nav.calibration.of_recording import Calibration
 from fg_nav.commands import stream
-from fg_nav.commands.stream import LinePrinter
+from fg_nav.commands.shared import Target
+from fg_nav.commands.stream import End, LinePrinter, save_end
+from fg_nav.errors import OutputError
+from fg_nav.frames import compute_heading
 from fg_nav.io import write_canonical
+from fg_nav.magnetic.axes import MagAxes
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import rows_of
-from fg_nav.online.follow import Sensor, StreamOptions, follow
-from fg_nav.online.rows import RowReader
+from fg_nav.online.follow import FollowedWalk, Sensor, StreamOptions, describe_walk, follow
+from fg_nav.online.rows import RowReader, parse_columns
 from fg_nav.online.sources import TextSource, open_source
+from fg_nav.recording import NOMINAL_SIGMA
+from fg_nav.report.files import summarize_lagged, write_footfalls, write_lagged
 from fg_nav.view.outlets import Outlets
 from tests.command_line import names
-from tests.online.walks import NORTH, push, short_walk, worst_difference
+from tests.commands.folders import strides, summary
+from tests.online.walks import NORTH, push, short_walk, whole_walk, worst_difference
 
 
 @pytest.fixture(autouse=True)
@@ -37,14 +49,6 @@ def csv(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("stream") / "walk.csv"
     write_canonical(short_walk(), path)
     return path
-
-
-@pytest.fixture(scope="module")
-def whole():
-    navigator = OnlineNavigator(NORTH)
-    push(navigator, rows_of(short_walk()))
-    navigator.close()
-    return navigator
 
 
 class Pieces(TextSource):
@@ -64,16 +68,16 @@ class Pieces(TextSource):
         return self._pieces.pop(0) if self._pieces else None
 
 
-def followed(source, **options):
+def followed(source, emit=lambda line: None, **options):
     lines, remarks = [], source.said if isinstance(source, Pieces) else []
-    outlets = Outlets(lines.append, None, remarks.append)
-    walk = follow({None: Sensor(source, StreamOptions(online=NORTH, **options))}, outlets)
-    return walk.navigators[None], [json.loads(line) for line in lines], remarks
 
+    def print_line(line: str) -> None:
+        lines.append(json.loads(line))
+        emit(line)
 
-def of_now(lines: list[dict]) -> list[dict]:
-    """The lines of estimates, without what is taken back between them."""
-    return [line for line in lines if line["kind"] == "now"]
+    sensor = Sensor(source, StreamOptions(online=NORTH, **options))
+    walk = follow({None: sensor}, Outlets(print_line, None, remarks.append))
+    return walk.navigators[None], lines, remarks
 
 
 def cut(data: bytes, n: int) -> list[bytes]:
@@ -81,23 +85,27 @@ def cut(data: bytes, n: int) -> list[bytes]:
     return [data[a:b] for a, b in zip([0, *edges], [*edges, len(data)], strict=True)]
 
 
-def test_a_line_for_each_footfall(csv, whole):
+def test_a_line_for_each_footfall(csv):
     navigator, lines, remarks = followed(Pieces(*cut(csv.read_bytes(), 50)))
-    assert worst_difference(navigator.causal(), whole.causal()) < 1e-9
-    assert {line["kind"] for line in lines} == {"now", "revised"}
-    path = lines[-1]["path"]  # the end is solved once more
-    assert np.allclose(np.array(path)[:, 1:], whole.smoothed().position, atol=1e-3)
-    lines = of_now(lines)
-    assert [line["stance"] for line in lines] == list(range(len(whole.causal())))
+    whole = whole_walk()[0]
     table = whole.causal()
-    assert np.allclose([line["position_m"] for line in lines], table.position, atol=1e-6)
-    assert np.allclose([line["gyro_bias_deg_s"] for line in lines], np.degrees(table.gyro_bias), atol=1e-6)
-    assert np.allclose([line["heading_sigma_deg"] for line in lines], np.degrees(table.heading_sigma), atol=1e-6)
+    assert worst_difference(navigator.causal(), table) < 1e-9
+    assert {line["kind"] for line in lines} == {"now", "revised"}
+    # the end is solved once more
+    assert np.allclose(np.array(lines[-1]["path"])[:, 1:], whole.smoothed().position, atol=1e-3)
+    lines = [line for line in lines if line["kind"] == "now"]
+    assert [line["stance"] for line in lines] == list(range(len(table)))
+    for name, column in (
+        ("position_m", table.position),
+        ("gyro_bias_deg_s", np.degrees(table.gyro_bias)),
+        ("heading_sigma_deg", np.degrees(table.heading_sigma)),
+    ):
+        assert np.allclose([line[name] for line in lines], column, atol=1e-6), name
     assert remarks == []
 
 
-def test_a_stalled_source_is_told_and_waited_for(csv, whole):
-    data = csv.read_bytes()
+def test_a_stalled_source_is_told_and_waited_for(csv):
+    data, whole = csv.read_bytes(), whole_walk()[0]
     middle = data.index(b"\n", len(data) // 2) + 5
     navigator, _, remarks = followed(Pieces(data[:middle], data[middle:], silent=20), stalled_s=0.1)
     assert worst_difference(navigator.causal(), whole.causal()) < 1e-9
@@ -108,26 +116,66 @@ def test_a_stalled_source_is_told_and_waited_for(csv, whole):
     assert 0 < len(over.footfalls) < len(whole.footfalls)
 
 
-def test_a_growing_file_is_followed(csv, whole, tmp_path):
-    data = csv.read_bytes()
-    path = tmp_path / "growing.csv"
+def test_samples_are_corrected_as_those_of_a_recording_and_counted_stamps_have_the_doubt_of_their_rate(csv):
+    """The axes of the magnetometer first, then its calibration."""
+    accelerometer = AccelerometerCalibration(1.01, 1e-4, np.array([0.1, 0.0, -0.1]), np.ones(3), 9.81, 6, 60.0, True)
+    soft = np.diag([1.1, 0.9, 1.0])
+    magnetometer = MagnetometerCalibration("loop", np.array([3.0, -2.0, 1.0]), soft, 0.01 * np.eye(9), 48.0, 1.0, 1000)
+    given, axes = Calibration("x", magnetometer=magnetometer, accelerometer=accelerometer), MagAxes.parse("y,-x,z")
+    navigator, _, _ = followed(Pieces(csv.read_bytes()), calibration=given, mag_axes=axes)
+    rows, sent = navigator.buffer.between(0, len(short_walk())), short_walk()
+    np.testing.assert_allclose(rows[:, 1:4], accelerometer.correct(sent.acc), atol=1e-9)
+    np.testing.assert_allclose(rows[:, 7:10], magnetometer.correct(sent.mag @ axes.P.T), atol=1e-9)
+    # As by a share of the rate of what was walked: force is integrated twice.
+    body = b"".join(csv.read_bytes().splitlines(keepends=True)[1:])
+    counted = parse_columns("-,ax,ay,az,gx,gy,gz,mx,my,mz", None, 100.0)
+    _, lines, _ = followed(Pieces(body), columns=counted)
+    line, plain = [one for one in lines if one["kind"] == "now"][-1], whole_walk()[0].causal()
+    np.testing.assert_allclose(line["position_m"], plain.position[-1], atol=1e-5)
+    expected = np.hypot(plain.position_sigma[-1], 2.0 * NOMINAL_SIGMA * np.abs(plain.position[-1]))
+    np.testing.assert_allclose(line["position_sigma_m"], expected, rtol=1e-3)
+
+
+def test_the_state_between_footfalls_is_that_of_the_newest_sample():
+    navigator = whole_walk()[0]
+    pose, told = navigator.pose(), describe_walk([navigator])
+    assert told["t"] == round(navigator.buffer.newest_s, 6) == round(float(short_walk().t[-1]), 6)
+    np.testing.assert_allclose(told["position_m"], pose.position[-1], atol=1e-5)
+    assert (told["standing"], told["floor"], told["returns"]) == (True, navigator.floor, [])
+    assert 0.0 <= told["heading_deg"] < 360.0
+    heading = np.degrees(compute_heading(pose.nav_R_body[-1]))
+    assert abs((told["heading_deg"] - heading + 180.0) % 360.0 - 180.0) < 1e-3
+    swinging = OnlineNavigator(NORTH)
+    push(swinging, rows_of(short_walk())[:640])
+    both = describe_walk([navigator, swinging])
+    assert (both["t"], both["standing"], both["position_m"], both["heading_deg"]) == (
+        told["t"],
+        swinging.stands,
+        None,
+        None,
+    )
+    begun = describe_walk([OnlineNavigator(NORTH)])
+    assert (begun["t"], begun["position_m"]) == (None, None)
+
+
+def test_a_growing_file_is_followed(csv, tmp_path):
+    """It grows by a piece with each line of a footfall, and by all of the rest once most was printed."""
+    data, path = csv.read_bytes(), tmp_path / "growing.csv"
     path.write_bytes(data[: len(data) // 3])
+    pieces = cut(data[len(data) // 3 :], 5)
 
-    def grow() -> None:
-        with path.open("ab") as file:
-            for piece in cut(data[len(data) // 3 :], 10):
-                time.sleep(0.02)
-                file.write(piece)
-                file.flush()
+    def grow(line: str) -> None:
+        if pieces and '"now"' in line:
+            with path.open("ab") as file:
+                file.write(pieces.pop(0))
 
-    writer = threading.Thread(target=grow)
-    writer.start()
     with closing(open_source(str(path), None, 115200, print)) as source:
-        navigator, _, _ = followed(source, until_silent_s=0.5)
-    writer.join()
-    assert worst_difference(navigator.causal(), whole.causal()) < 1e-9
+        navigator, _, _ = followed(source, grow, until_silent_s=0.3)
+    assert pieces == []
+    assert worst_difference(navigator.causal(), whole_walk()[0].causal()) < 1e-9
 
 
+@pytest.mark.usefixtures("solved_here")
 def test_rows_without_a_header_are_walked_by_their_columns(fg_nav, csv, tmp_path):
     """And a walk that is resumed has the same."""
     path = tmp_path / "rows.csv"
@@ -143,15 +191,13 @@ def test_rows_without_a_header_are_walked_by_their_columns(fg_nav, csv, tmp_path
     assert fg_nav("stream", csv, "--record", tmp_path / "y.csv", "--resume").refused("not recorded by")
 
 
-POLISHED = {"trajectory_polished.tum", "strides_polished.csv"}
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
-def test_a_signal_ends_the_walk_and_not_its_result(fg_nav, csv, tmp_path, monkeypatch, number):
+def test_a_signal_ends_the_walk_and_not_its_result(fg_nav, csv, tmp_path, monkeypatch, request, number):
     """The pipe stays open: only the signal ends it, once most of the walk was printed."""
-    pipe = tmp_path / "pipe"
+    if number != signal.SIGINT:  # that with its process beside
+        request.getfixturevalue("solved_here")
+    pipe, printed, ended = tmp_path / "pipe", threading.Semaphore(0), threading.Event()
     os.mkfifo(pipe)
-    printed, ended = threading.Semaphore(0), threading.Event()
 
     class Noted(LinePrinter):
         def __call__(self, line: str) -> None:
@@ -168,62 +214,95 @@ def test_a_signal_ends_the_walk_and_not_its_result(fg_nav, csv, tmp_path, monkey
             for _ in range(8):
                 printed.acquire(timeout=60.0)
             os.kill(os.getpid(), number)
-            ended.wait(30.0)
+            ended.wait(60.0)
 
     writer = threading.Thread(target=write)
     writer.start()
     ran = fg_nav("stream", pipe, "--heading", 0)
     ended.set()
     writer.join()
-    assert ran.code == 0
+    assert (ran.code, ran.err) == (0, "")
     kinds = [json.loads(line)["kind"] for line in ran.out.splitlines()]
     assert "revised" not in kinds[kinds.index("smoothed") :]
     told = [kind for kind in kinds if kind != "revised"]
     assert told == sorted(told)
     assert kinds.count("smoothed") >= 5
-    assert ran.err == ""
 
 
-def test_polished_both_are_written_with_their_gap(fg_nav, csv, whole, tmp_path):
-    """By run and by stream, which write the same; without it neither solves the walk in batch."""
-    given = (csv, "--heading", 0, "--polish", "--out")
-    no_plots = ("--plots", "none")
-    assert fg_nav("run", *given, tmp_path / "run", "--method", "online", *no_plots).code == 0
-    assert fg_nav("stream", *given, tmp_path / "stream", "--silence", 0.3).code == 0
-    ran = fg_nav("stream", *given[:-1], "--silence", 0.3)
-    kinds = [json.loads(line)["kind"] for line in ran.out.splitlines()]
-    assert kinds.count("polished") == kinds.count("smoothed") == 13
-    assert kinds.index("polished") > kinds.index("smoothed") > kinds.index("now")
-    assert fg_nav("run", csv, "--heading", 0, "--out", tmp_path / "batch", *no_plots).code == 0
-    assert fg_nav("run", csv, "--heading", 0, "--method", "online", "--out", tmp_path / "plain", *no_plots).code == 0
-    for place in ("run", "stream"):  # which write the same
-        assert names(tmp_path / place) >= {"online.csv", "strides.csv"} | POLISHED
-        online, polished, moment = (
-            pd.read_csv(tmp_path / place / name) for name in ("strides.csv", "strides_polished.csv", "online.csv")
-        )
-        batch = pd.read_csv(tmp_path / "batch" / "strides.csv")
-        pd.testing.assert_frame_equal(polished, batch, atol=1e-6)
-        assert np.allclose(online[["x_m", "y_m", "z_m"]], whole.finish().stances.position, atol=1e-6)
-        assert len(moment) == len(online)
-        path, other = (np.loadtxt(tmp_path / place / name) for name in ("trajectory.tum", "trajectory_polished.tum"))
-        apart = np.linalg.norm(path[:, 1:4] - other[:, 1:4], axis=1)
-        summary = json.loads((tmp_path / place / "summary.json").read_text())
-        assert summary["polish_gap_max_m"] == pytest.approx(apart.max(), abs=1e-5)
-        assert summary["polish_gap_rms_m"] == pytest.approx(np.sqrt((apart**2).mean()), abs=1e-5)
-        assert 0.0 < summary["polish_gap_heading_deg"] < 0.5
-        assert summary["polished_distance_m"] == pytest.approx(summary["distance_m"], abs=0.1)
-    plain = json.loads((tmp_path / "plain" / "summary.json").read_text())
-    assert not POLISHED & names(tmp_path / "plain")
-    assert not [key for key in plain if "polish" in key]
-
-
+@pytest.mark.usefixtures("solved_here")
 def test_with_a_lag_the_footfalls_are_written(fg_nav, csv, tmp_path):
-    ran = fg_nav("stream", csv, "--heading", 0, "--lag", 10, "--silence", 0.3, "--out", tmp_path / "out", "--json")
+    out = tmp_path / "out"
+    ran = fg_nav("stream", csv, "--heading", 0, "--lag", 10, "--speed", "max", "--out", out, "--json")
     assert ran.code == 0
-    told = {"source": str(csv), "folder": str(tmp_path / "out")}
-    assert json.loads(ran.out) == {**told, **json.loads((tmp_path / "out" / "summary.json").read_text())}
-    assert names(tmp_path / "out") == {"trajectory.tum", "strides.csv", "online.csv", "summary.json", "report.html"}
-    assert len(np.loadtxt(tmp_path / "out" / "trajectory.tum")) == 13
-    strides, online = (pd.read_csv(tmp_path / "out" / name) for name in ("strides.csv", "online.csv"))
-    assert len(strides) == len(online) == 13
-    assert np.abs(strides["y_m"].iloc[-1] - online["y_m"].iloc[-1]) < 0.2
+    assert json.loads(ran.out) == {"source": str(csv), "folder": str(out), **summary(out)}
+    assert names(out) == {"trajectory.tum", "strides.csv", "online.csv", "summary.json", "report.html"}
+    assert len(np.loadtxt(out / "trajectory.tum")) == len(strides(out)) == len(strides(out, "online.csv")) == 13
+    ends = [strides(out, name)["y_m"].iloc[-1] for name in ("strides.csv", "online.csv")]
+    assert abs(ends[0] - ends[1]) < 0.2
+
+
+# --- where the disk is full, or nobody reads -------------------------------------------------------------------------
+
+
+@pytest.fixture
+def end():
+    solution = whole_walk()[0].finish()
+    said = summarize_lagged(solution)
+    least = partial(write_footfalls, solution=solution, summary=said)
+    return End(said, lambda: [], partial(write_lagged, solution=solution), least)
+
+
+def fail(folder: Path, **given: object) -> None:
+    """Write into a folder on a full disk."""
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def save(end, out) -> OutputError | None:
+    with Target(out, False, "stream") as target:
+        return save_end(end, target, "none")
+
+
+def test_on_a_full_disk_the_footfalls_are_saved_where_there_is_room_and_it_says_where(end, tmp_path, monkeypatch):
+    assert save(end, tmp_path / "room") is None
+    assert names(tmp_path / "room") == {"online.csv", "strides.csv", "summary.json", "trajectory.tum"}
+    monkeypatch.setattr(stream.tempfile, "tempdir", str(tmp_path / "tmp"))
+    (tmp_path / "tmp").mkdir()
+    out, end = tmp_path / "out", replace(end, write=fail)
+    failure = str(save(end, out))
+    assert failure.startswith(f"{out} cannot be written (no space left on device)")
+    assert failure.endswith(f"the footfalls alone are in {out}.")
+    assert len(strides(out)) == len(whole_walk()[0].finish().stances)
+    assert names(out) == {"strides.csv", "summary.json"}
+    # No room for them either: among the temporary files.
+    with monkeypatch.context() as patched, Target(tmp_path / "other", False, "stream") as target:
+        patched.setattr(Target, "open", lambda self: stream.result_folder(Path(os.devnull) / "none"))
+        words = str(save_end(end, target, "none"))
+    (place,) = (tmp_path / "tmp").glob("fg-nav-stream-*/result")
+    assert words.endswith(f"the footfalls alone are in {place}.")
+    with pytest.raises(OutputError, match="the result of the walk is lost"):
+        save(replace(end, write_least=fail), tmp_path / "none")
+
+
+def test_lines_that_cannot_be_written_do_not_end_the_walk(monkeypatch, capsys):
+    with open("/dev/full", "w") as full:
+        monkeypatch.setattr(sys, "stdout", full)
+        printer = LinePrinter()
+        printer("{}")
+        printer("{}")
+        monkeypatch.undo()
+    assert printer.has_failed
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "the lines cannot be written any more (no space left on device)" in said
+
+
+def test_a_walk_whose_lines_were_lost_is_written_into_a_fresh_folder(end, fg_nav, monkeypatch):
+    monkeypatch.setattr(stream, "run_stream", lambda request, outlets: FollowedWalk({}, {}, None))
+    monkeypatch.setattr(stream, "find_end", lambda walk, polish: replace(end, format_lines=lambda: ["{}"]))
+    monkeypatch.setattr(stream.typer, "echo", lambda line: (_ for _ in ()).throw(BrokenPipeError))
+    monkeypatch.setattr(stream.os, "dup2", lambda *descriptors: None)
+    monkeypatch.setattr(sys.stdout, "fileno", lambda: 1, raising=False)
+    ran = fg_nav("stream", "walk.csv", "--plots", "none")
+    assert (ran.code, ran.out) == (0, "")
+    assert "no reader any more" in ran.err
+    assert summary("results/stream-1")["strides"] >= 5

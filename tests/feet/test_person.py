@@ -34,20 +34,19 @@ def true_foot(walk: SimulatedFeet, side: str, kept: tuple[tuple[float, float], .
     return Solution("smoother", t, position, velocity, np.tile(np.eye(3), (len(t), 1, 1)), table, 0.0)
 
 
-def trace(
-    walk: SimulatedFeet, left: tuple[tuple[float, float], ...], right: tuple[tuple[float, float], ...]
-) -> Solution:
+Spans = tuple[tuple[float, float], ...]
+WHOLE: Spans = ((0.0, 60.0),)
+BROKEN: Spans = ((0.0, HOLE[0]), (HOLE[1], 60.0))
+
+
+def trace(walk: SimulatedFeet, left: Spans, right: Spans) -> Solution:
     feet = true_foot(walk, "right", right), true_foot(walk, "left", left)
     return trace_person(*feet, np.zeros(1), 4.0 * np.eye(4)[None])
 
 
-WHOLE = ((0.0, 60.0),)
-BROKEN = ((0.0, HOLE[0]), (HOLE[1], 60.0))
-
-
 @pytest.mark.parametrize(("left", "right"), [(WHOLE, BROKEN), (BROKEN, WHOLE)])
 def test_in_a_hole_of_one_foot_the_person_goes_on_as_the_other_one(
-    walk: SimulatedFeet, left: tuple[tuple[float, float], ...], right: tuple[tuple[float, float], ...]
+    walk: SimulatedFeet, left: Spans, right: Spans
 ) -> None:
     whole, person = trace(walk, WHOLE, WHOLE), trace(walk, left, right)
     assert np.diff(person.t).max() < 0.02

@@ -46,9 +46,14 @@ def list_blocks(keep: Callable[[Side, float], bool]) -> Iterator[tuple[Side, Flo
                 yield side, rows[side][first:stop]
 
 
-def push_feet(navigator: FeetNavigator, keep: Callable[[Side, float], bool] = lambda side, t: True) -> list[FeetLine]:
-    """Push the demo's samples, and return all lines up to the end of the walk."""
+def push_feet(
+    navigator: FeetNavigator,
+    keep: Callable[[Side, float], bool] = lambda side, t: True,
+    change: Callable[[Side, Floats], Floats] = lambda side, rows: rows,
+) -> list[FeetLine]:
+    """Push the demo's samples that are kept, and changed, and return all lines up to the end of the walk."""
     found = []
     for side, rows in list_blocks(keep):
+        rows = change(side, rows.copy())
         found += navigator.push(side, rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10])
     return [*found, *navigator.close()]

@@ -10,10 +10,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError, RecordingError
 from fg_nav.feet import SIDES, Side
-from fg_nav.feet.person import FeetSolution
 from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.estimates import (
     FeetLine,
@@ -43,29 +43,44 @@ def walked() -> tuple[list[FeetLine], FeetWalk]:
     return lines, navigator.finish()
 
 
-@cache
-def in_batch() -> FeetSolution:
-    feet = {}
-    for side, one in demo_feet().sides.items():
-        recording = replace(one.recording, mag=None)
-        feet[side] = WalkInput(recording, detect_stances(recording), heading_of(side))
-    return smooth_feet(feet["right"], feet["left"])
+def contents(found: list[FeetLine], kind: type | tuple[type, ...], foot: str = "") -> list:
+    """What lines of a kind say, of a foot or of all."""
+    return [one.content for one in found if isinstance(one.content, kind) and foot in (one.foot, "")]
+
+
+def states(found: list[FeetLine]) -> list[tuple[str, str]]:
+    return [(one.foot, one.content.state) for one in found if isinstance(one.content, FootState)]
+
+
+def texts(found: list[FeetLine]) -> list:
+    """The lines of the left foot."""
+    return [
+        format_estimate(one, False) if isinstance(one, StanceEstimate) else list(format_revision(one))
+        for one in contents(found, (StanceEstimate, Revision), "left")
+    ]
 
 
 def interpolate(t, path):
     return np.stack([np.interp(t, path.t, column) for column in path.position.T], axis=1)
 
 
+def true_path(side: Side, t: Floats) -> Floats:
+    """From where the left foot stood at first."""
+    start = demo_feet().left.recording.truth.position[0]
+    return interpolate(t, demo_feet().sides[side].recording.truth) - start
+
+
 def test_at_the_end_both_feet_and_the_person_are_where_the_batch_has_them() -> None:
     """Found: 9 mm rms, 22 mm at most; in the left foot's frame, whose heading was given."""
-    end, both = walked()[1], in_batch()
+    recordings = {side: replace(one.recording, mag=None) for side, one in demo_feet().sides.items()}
+    feet = {side: WalkInput(one, detect_stances(one), heading_of(side)) for side, one in recordings.items()}
+    end, both = walked()[1], smooth_feet(feet["right"], feet["left"])
     for side in SIDES:
         found, batch = end.feet[side].stances, getattr(both, side)
         apart = np.linalg.norm(found.position - interpolate(found.t, batch), axis=1)
         assert np.sqrt(np.mean(apart**2)) < 0.02
         assert apart.max() < 0.05
         assert found.position_sigma[-1, :2] == pytest.approx(batch.stances.position_sigma[-1, :2], rel=0.1)
-    assert end.both is not None
     assert end.both.width_m == pytest.approx(both.width_m, abs=0.02)
     assert end.both.width_sigma_m == pytest.approx(both.width_sigma_m, rel=0.1)
     assert end.both.person.position[-1] == pytest.approx(both.person.position[-1], abs=0.05)
@@ -77,8 +92,9 @@ def test_lines_of_both_are_in_one_frame_after_some_strides() -> None:
     own = [one.content.t for one in lines if one.frame == "right"]
     assert 0 < len(own) < 20
     assert max(own) < 20.0
-    shared = [one for one in lines if one.content.t > max(own)]
-    pairs = [pair for pair in pairwise(shared) if pair[0].foot != pair[1].foot]
+    pairs = [
+        pair for pair in pairwise(one for one in lines if one.content.t > max(own)) if pair[0].foot != pair[1].foot
+    ]
     assert len(pairs) > 60
     for one, other in pairs:
         assert np.linalg.norm(one.content.position - other.content.position) < 1.0
@@ -90,33 +106,31 @@ def test_lines_of_both_are_in_one_frame_after_some_strides() -> None:
 
 def test_the_person_is_where_it_was_by_the_sigmas_told() -> None:
     """Line by line, against the truth; and the path told last, which is of the end."""
-    feet = demo_feet()
-    start = feet.left.recording.truth.position[0]
-    people = [one.content for one in walked()[0] if isinstance(one.content, PersonEstimate)]
+    people = contents(walked()[0], PersonEstimate)
     assert len(people) > 80
-    truth = np.mean(
-        [interpolate(np.array([one.t for one in people]), feet.sides[side].recording.truth) for side in SIDES], axis=0
-    )
-    error = np.array([one.position for one in people]) - (truth - start)
+    t = np.array([one.t for one in people])
+    error = np.array([one.position for one in people]) - np.mean([true_path(side, t) for side in SIDES], axis=0)
     sigma = np.sqrt([np.diagonal(one.pose_cov)[:3] for one in people])
     assert np.abs(error[:, :2] / sigma[:, :2]).max() < 3.0
     ahead = [one.heading for one in people if 22.0 < one.t < 26.0]  # to the south
     assert len(ahead) > 4
     assert np.abs(np.degrees(np.angle(np.exp(1j * (np.array(ahead, dtype=float) - np.pi))))).max() < 15.0
-    revised = [one.content for one in walked()[0] if one.foot == "person" and isinstance(one.content, Revision)]
-    path = revised[-1].path
+    path = contents(walked()[0], Revision, "person")[-1].path
     assert path[0, 0] < 5.0  # with the steps before the feet were tied
-    truth = np.mean([interpolate(path[:, 0], feet.sides[side].recording.truth) for side in SIDES], axis=0)
-    assert np.linalg.norm(path[:, 1:] - (truth - start), axis=1).max() < 0.3
+    truth = np.mean([true_path(side, path[:, 0]) for side in SIDES], axis=0)
+    assert np.linalg.norm(path[:, 1:] - truth, axis=1).max() < 0.3
 
 
 def test_a_foot_that_is_silent_from_the_start_leaves_the_other_as_it_is_alone() -> None:
-    found = push_feet(FeetNavigator(heads_known()), lambda side, t: side == "left" and t < 30.0)
-    assert [one.content.state for one in found if isinstance(one.content, FootState)] == ["silent"]
-    assert line_texts(found, "left") == alone("left", heads_known(), 30.0)
-    found = push_feet(FeetNavigator(heads_known()), lambda side, t: side == "right" and t < 20.0)
-    lines = [one for one in found if isinstance(one.content, StanceEstimate)]
-    assert {(one.foot, one.frame) for one in lines} == {("right", "right")}
+    found = push_feet(FeetNavigator(heads_known()), lambda side, t: side == "left" and t < 20.0)
+    assert states(found) == [("right", "silent")]
+    navigator, alone = OnlineNavigator(heads_known()), []
+    for _, rows in list_blocks(lambda side, t: side == "left" and t < 20.0):
+        alone += navigator.push(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10])
+    alone = [FeetLine("left", "left", one) for one in [*alone, *navigator.close()]]
+    assert texts(found) == texts(alone)
+    found = push_feet(FeetNavigator(heads_known()), lambda side, t: side == "right" and t < 12.0)
+    assert {(one.foot, one.frame) for one in found if isinstance(one.content, StanceEstimate)} == {("right", "right")}
 
 
 def test_a_foot_that_comes_back_joins_again() -> None:
@@ -125,61 +139,64 @@ def test_a_foot_that_comes_back_joins_again() -> None:
     navigator = FeetNavigator(heads_known(), remarks.append)
     found = push_feet(navigator, lambda side, t: t < 43.0 and (side == "left" or not 20.0 <= t < 30.0))
     assert not [words for words in remarks if "clocks" in words]
-    assert [one.content.state for one in found if isinstance(one.content, FootState)] == ["silent", "back"]
-    start = demo_feet().left.recording.truth.position[0]
+    assert states(found) == [("right", "silent"), ("right", "back")]
     for side, one in navigator.finish().feet.items():
-        truth = interpolate(one.stances.t, demo_feet().sides[side].recording.truth) - start
-        assert np.linalg.norm(one.stances.position - truth, axis=1).max() < 0.3
-    people = [one.content.t for one in found if isinstance(one.content, PersonEstimate)]
+        assert np.linalg.norm(one.stances.position - true_path(side, one.stances.t), axis=1).max() < 0.3
+    people = [one.t for one in contents(found, PersonEstimate)]
     assert any(t < 20.0 for t in people)
     assert not any(23.0 < t < 29.0 for t in people)
     assert max(people) > 40.0
 
 
 def test_a_foot_in_another_unit_is_refused_once_and_the_other_goes_on() -> None:
+    def push_in_g(navigator: FeetNavigator, *sides: Side) -> list[FeetLine]:
+        def change(side: Side, rows: Floats) -> Floats:
+            rows[:, 1:4] /= 9.81 if side in sides else 1.0
+            return rows
+
+        return push_feet(navigator, lambda side, t: t < 12.0, change)
+
     navigator = FeetNavigator(heads_known())
-    found = [*push_in_g(navigator, ("right",)), *navigator.close()]
-    (state,) = [one for one in found if isinstance(one.content, FootState)]
-    assert (state.foot, state.content.state) == ("right", "refused")
-    assert "in g" in state.content.reason
+    found = push_in_g(navigator, "right")
+    assert states(found) == [("right", "refused")]
+    assert "in g" in contents(found, FootState)[0].reason
     assert set(navigator.finish().feet) == {"left"}
     assert "right" in navigator.finish().lost
     with pytest.raises(RecordingError, match="in g"):
-        push_in_g(FeetNavigator(heads_known()), SIDES)
+        push_in_g(FeetNavigator(heads_known()), *SIDES)
+
+
+def late(by_s: float, since_s: float = 0.0):
+    """Set the clock of the right foot ahead since some time."""
+
+    def change(side: Side, rows: Floats) -> Floats:
+        rows[:, 0] += by_s if side == "right" and rows[0, 0] > since_s else 0.0
+        return rows
+
+    return change
 
 
 def test_a_clock_offset_is_taken_off() -> None:
     navigator = FeetNavigator(heads_known(), clock_offset_s=-100.0)
-    found = []
-    for side, rows in list_blocks(lambda side, t: t < 25.0):
-        t = rows[:, 0] + (100.0 if side == "right" else 0.0)
-        found += navigator.push(side, t, rows[:, 1:4], rows[:, 4:7], rows[:, 7:10])
-    expected = [one for one in walked()[0] if isinstance(one.content, PersonEstimate)]
-    people = [one for one in found if isinstance(one.content, PersonEstimate)]
-    assert [one.content.t for one in people] == pytest.approx([one.content.t for one in expected[: len(people)]])
+    people = contents(push_feet(navigator, lambda side, t: t < 20.0, late(100.0, -1.0)), PersonEstimate)
+    expected = contents(walked()[0], PersonEstimate)
+    assert [one.t for one in people] == pytest.approx([one.t for one in expected[: len(people)]])
     assert len(people) > 5
 
 
 @pytest.mark.parametrize(("late_s", "given_s", "told_s"), [(0.3, 0.0, -0.3), (-2.0, 1.5, 2.0)])
-def test_clocks_that_do_not_fit_are_told_once_with_what_to_begin_again_with(
-    late_s: float, given_s: float, told_s: float
-) -> None:
+def test_clocks_that_do_not_fit_are_told_once_with_what_to_begin_again_with(late_s, given_s, told_s) -> None:
     remarks: list[str] = []
     navigator = FeetNavigator(heads_known(), remarks.append, clock_offset_s=given_s)
-    for side, rows in list_blocks(lambda side, t: t < 43.0):
-        navigator.push(side, rows[:, 0] + late_s * (side == "right"), rows[:, 1:4], rows[:, 4:7], rows[:, 7:10])
-    navigator.stop_process()
+    push_feet(navigator, lambda side, t: t < 43.0, late(late_s, -1.0))
     (said,) = [words for words in remarks if "clocks" in words]
     assert float(said.rsplit(" ", 1)[1]) == pytest.approx(told_s, abs=0.03)
 
 
 def test_a_clock_that_restarts_parts_the_feet() -> None:
-    navigator, found = FeetNavigator(heads_known()), []
-    for side, rows in list_blocks(lambda side, t: t < 28.0):
-        t = rows[:, 0] - (19.0 if side == "right" and rows[0, 0] > 20.0 else 0.0)
-        found += navigator.push(side, t, rows[:, 1:4], rows[:, 4:7], rows[:, 7:10])
-    found += navigator.close()
-    assert "parted" in [one.content.state for one in found if isinstance(one.content, FootState)]
+    navigator = FeetNavigator(heads_known())
+    found = push_feet(navigator, lambda side, t: t < 28.0, late(-19.0, 20.0))
+    assert ("right", "parted") in states(found)
     assert found[-1].frame == "right"
     assert navigator.finish().both is None
 
@@ -188,7 +205,7 @@ def test_beside_says_the_same_as_in_between() -> None:
     """Both feet in the other process: at the end the same to the last digits that are told."""
     between, background = FeetNavigator(heads_known()), FeetNavigator(heads_known(), background=True)
     for navigator in (between, background):
-        push_feet(navigator, lambda side, t: t < 25.0)
+        push_feet(navigator, lambda side, t: t < 20.0)
     assert between.finish().both is not None
     for side, one in background.finish().feet.items():
         assert one.stances.position == pytest.approx(between.finish().feet[side].stances.position, abs=1e-3)
@@ -201,30 +218,3 @@ def test_lag_and_fixes_are_refused() -> None:
             FeetNavigator(options)
     with pytest.raises(EstimationError, match="is no time"):
         FeetNavigator(clock_offset_s=np.nan)
-
-
-def push_in_g(navigator: FeetNavigator, sides: tuple[Side, ...]) -> list[FeetLine]:
-    """Push seconds of both feet, the force of some in g."""
-    found = []
-    for side, rows in list_blocks(lambda side, t: t < 12.0):
-        force = rows[:, 1:4] / (9.81 if side in sides else 1.0)
-        found += navigator.push(side, rows[:, 0], force, rows[:, 4:7], rows[:, 7:10])
-    return found
-
-
-def line_texts(found: list[FeetLine], side: Side) -> list[str]:
-    texts = []
-    for line in (one for one in found if one.foot == side and not isinstance(one.content, FootState)):
-        content = line.content
-        assert isinstance(content, StanceEstimate | Revision)
-        texts += [format_estimate(content, False)] if isinstance(content, StanceEstimate) else format_revision(content)
-    return texts
-
-
-def alone(side: Side, options: OnlineOptions, until_s: float) -> list[str]:
-    """The lines of one foot's navigator, as lines of two."""
-    navigator, found = OnlineNavigator(options), []
-    for _, rows in list_blocks(lambda one, t: one == side and t < until_s):
-        found += navigator.push(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10])
-    found += navigator.close()
-    return line_texts([FeetLine(side, side, one) for one in found], side)

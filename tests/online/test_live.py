@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Coroutine
 from contextlib import closing
 from functools import wraps
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,10 +16,12 @@ from fg_nav.columns.mapping import CANONICAL
 from fg_nav.errors import StreamError
 from fg_nav.online import sources
 from fg_nav.online.rows import RowReader
-from fg_nav.online.sources import LiveSource, open_source
+from fg_nav.online.sources import LiveSource, SenderLock, open_source
 
 HEADER = ",".join(CANONICAL[:7]).encode() + b"\n"
 PATIENCE_S = 30.0
+
+both_kinds = pytest.mark.parametrize("scheme", ["udp", "tcp-listen"])
 
 
 @pytest.fixture(autouse=True)
@@ -34,11 +35,15 @@ def row(k: int) -> bytes:
 
 
 def in_loop(test: Callable[..., Coroutine[None, None, None]]) -> Callable[..., None]:
-    """Run a test in a loop of its own."""
+    """Run a test in a loop of its own, for so long at most."""
 
     @wraps(test)
     def run(*given, **named) -> None:
-        asyncio.run(test(*given, **named))
+        async def limited() -> None:
+            async with asyncio.timeout(2.0 * PATIENCE_S):
+                await test(*given, **named)
+
+        asyncio.run(limited())
 
     return run
 
@@ -89,6 +94,16 @@ class Opened:
         self.samples.close()
 
 
+def opened_at(scheme: str) -> Opened:
+    return Opened(f"{scheme}://127.0.0.1:0")
+
+
+def connect(scheme: str, port: int) -> socket.socket:
+    one = socket.socket(type=socket.SOCK_DGRAM if scheme == "udp" else socket.SOCK_STREAM)
+    one.connect(("127.0.0.1", port))
+    return one
+
+
 class Burst(LiveSource):
     """Pieces that are all there when the first is read."""
 
@@ -115,20 +130,10 @@ async def test_a_backlog_is_read_in_pieces_and_nothing_is_lost():
     source._task.cancel()
 
 
-def connect(scheme: str, port: int) -> socket.socket:
-    one = socket.socket(type=socket.SOCK_DGRAM if scheme == "udp" else socket.SOCK_STREAM)
-    one.connect(("127.0.0.1", port))
-    return one
-
-
-def opened_at(scheme: str) -> Opened:
-    return Opened(f"{scheme}://127.0.0.1:0")
-
-
-@pytest.mark.parametrize("scheme", ["udp", "tcp-listen"])
+@both_kinds
 @in_loop
-async def test_a_second_sender_is_left_out_and_named(scheme):
-    """As of a foot and a pocket that send to one port."""
+async def test_a_second_sender_is_left_out_until_the_first_has_ended_or_fell_silent(scheme, monkeypatch):
+    """As of a foot and a pocket that send to one port; and of a foot that is switched off and on."""
     async with opened_at(scheme) as opened:
         foot = connect(scheme, opened.port)
         foot.sendall(HEADER + row(0))
@@ -139,28 +144,40 @@ async def test_a_second_sender_is_left_out_and_named(scheme):
             assert str(pocket.getsockname()[1]) in opened.said[0]
         foot.sendall(row(1))
         assert await collect(opened.samples, 1) == [1]
-        assert len(opened.said) == 1
-        foot.close()
         if scheme == "tcp-listen":  # whose end is seen: the sensor may connect again at once
-            with closing(connect(scheme, opened.port)) as again:
-                again.sendall(HEADER + row(2))
-                assert await collect(opened.samples, 1) == [2]
+            foot.close()
+            foot = connect(scheme, opened.port)
+            foot.sendall(HEADER + row(2))
+            assert await collect(opened.samples, 1) == [2]
+        # Out of reach: its old connection is never closed.
+        monkeypatch.setattr(sources, "RESTARTED_S", 0.2)
+        await wait_for(lambda: time.monotonic() - opened.samples._senders.last > 0.25)
+        with closing(connect(scheme, opened.port)) as new:
+            new.sendall(row(3))
+            assert await collect(opened.samples, 1) == [3]
+        assert scheme != "udp" or 0.25 <= opened.samples.away_s < PATIENCE_S
+        assert not [words for words in opened.said[1:] if "is left out" in words]
+        foot.close()
 
 
-@pytest.mark.parametrize("scheme", ["udp", "tcp-listen"])
-@in_loop
-async def test_a_sender_that_fell_silent_is_heard_again_from_another_port(scheme, monkeypatch):
-    """Switched off and on, or out of reach: its old connection is never closed."""
-    monkeypatch.setattr(sources, "RESTARTED_S", 0.2)
-    async with opened_at(scheme) as opened:
-        with closing(connect(scheme, opened.port)) as old:
-            old.sendall(HEADER + row(0))
-            assert await collect(opened.samples, 1) == [0]
-            await asyncio.sleep(0.3)
-            with closing(connect(scheme, opened.port)) as new:
-                new.sendall(row(1))
-                assert await collect(opened.samples, 1) == [1]
-        assert scheme != "udp" or 0.3 <= opened.samples.away_s < PATIENCE_S
+def test_a_walk_is_that_of_its_first_sender_and_of_its_host_alone(monkeypatch):
+    """Another host is none of it, however long the first is silent; who is back was away since it last sent."""
+    now, said = [100.0], []
+    monkeypatch.setattr(sources.time, "monotonic", lambda: now[0])
+    lock = SenderLock("a test", said.append)
+    for t, host, port, is_gone, away_s in (
+        (100.0, "foot", 1, False, 0.0),
+        (100.5, "foot", 1, False, 0.0),
+        (101.0, "foot", 2, False, None),  # of the same host while the first one sends
+        (101.0, "foot", 2, True, 0.5),  # but not once that has ended
+        (101.5, "foot", 1, False, None),
+        (900.0, "pocket", 2, True, None),
+        (901.0, "pocket", 2, False, None),
+        (902.0, "foot", 3, False, 801.0),
+    ):
+        now[0] = t
+        assert lock.accept(host, port, is_gone) == away_s, (t, host, port)
+    assert [words.split("what ")[1].split(" sends")[0] for words in said] == ["foot", "pocket"]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the system does not count them")
@@ -179,23 +196,25 @@ async def test_datagrams_that_find_no_room_are_counted_and_said_once(monkeypatch
                 out.send(row(sent))
                 sent += 1
             came: list[float] = []
-            while len(piece := await read(opened.samples, 0.3)):
+            while len(came) < sent and len(piece := await read(opened.samples, 0.3)):
                 came += piece[:, 0].tolist()
             assert 0 < opened.samples.lost == sent - len(came)
     assert ["lost here" in words for words in opened.said] == [True, False]
     assert str(opened.samples.lost) in opened.said[-1]
 
 
-def serve(door: socket.socket, data: bytes) -> None:
-    """Serve one who connects."""
-    connection, _ = door.accept()
-    with closing(connection):
-        connection.sendall(data)
-
-
 @in_loop
 async def test_a_server_that_comes_later_and_breaks_off_is_waited_for():
-    """The row that was cut off is left out; the header may come again, and in another order."""
+    """The row that was cut off is left out; the header may come again, and in another order.
+
+    A connection that brings nothing is none: the source is away until something comes.
+    """
+
+    def serve(data: bytes) -> None:
+        connection, _ = door.accept()
+        with closing(connection):
+            connection.sendall(data)
+
     with closing(socket.socket()) as door:
         door.bind(("127.0.0.1", 0))  # which refuses until it listens
         door.settimeout(PATIENCE_S)
@@ -203,20 +222,24 @@ async def test_a_server_that_comes_later_and_breaks_off_is_waited_for():
             await wait_for(lambda: opened.said)
             assert "not there yet" in opened.said[0]
             door.listen()
-            await asyncio.to_thread(serve, door, HEADER + row(0) + row(1) + row(2)[:7])
-            assert await collect(opened.samples, 2) == [0, 1]
             backward = b",".join(reversed(HEADER.strip().split(b","))) + b"\n"
-            await asyncio.to_thread(serve, door, backward + b"0,0,0,9.8,0,0,3.5\n" + b"0,0,0,9.8,0,0,4.5\n")
-            assert await collect(opened.samples, 2) == [3, 4]
-            await asyncio.to_thread(serve, door, HEADER + row(5))
-            assert await collect(opened.samples, 1) == [5]
+            for data, stamps in (
+                (HEADER + row(0) + row(1) + row(2)[:7], [0, 1]),
+                (backward + b"0,0,0,9.8,0,0,3.5\n" + b"0,0,0,9.8,0,0,4.5\n", [3, 4]),
+                (b"", []),
+                (HEADER + row(5), [5]),
+            ):
+                await asyncio.sleep(0.0 if stamps else 0.3)
+                await asyncio.to_thread(serve, data)
+                assert await collect(opened.samples, len(stamps)) == stamps
+            assert 0.15 < opened.samples.away_s < PATIENCE_S
         assert len(opened.said) == 1
 
 
 @in_loop
 async def test_more_than_may_wait_holds_up_the_server_and_loses_nothing(monkeypatch):
     monkeypatch.setattr(sources, "MAX_WAITING", 100_000)
-    n = 300_000
+    n = 100_000
     async with opened_at("tcp-listen") as opened:
 
         def send() -> None:
@@ -233,51 +256,35 @@ async def test_more_than_may_wait_holds_up_the_server_and_loses_nothing(monkeypa
 async def test_a_serial_device_is_read_again_when_it_is_plugged_in_again(tmp_path):
     pytest.importorskip("serial")
     place = tmp_path / "sensor"
-    device = PluggedIn(place)
+
+    def plug_in() -> tuple[int, int]:
+        ends = os.openpty()
+        place.symlink_to(os.ttyname(ends[1]))
+        return ends
+
+    device = plug_in()
     async with Opened(str(place)) as opened:
-        device.send(HEADER + row(0))
+        os.write(device[0], HEADER + row(0))
         assert await collect(opened.samples, 1) == [0]
-        device.pull_out()
+        place.unlink()
+        for end in device:
+            os.close(end)
         await wait_for(lambda: opened.said)
         assert "broke off" in opened.said[0]
-        device.plug_in()
-        came: list[float] = []
+        device, came = plug_in(), list[float]()
         for k in range(1000):  # what is sent before it is opened is lost
-            device.send(row(k))
+            os.write(device[0], row(k))
             came += (await read(opened.samples, 0.01))[:, 0].tolist()
             if len(came) > 5:
                 break
         assert np.array_equal(np.diff(came), np.ones(len(came) - 1))
-    device.close()
+    for end in device:
+        os.close(end)
 
 
-class PluggedIn:
-    """A device at a place in the file system."""
-
-    def __init__(self, place: Path) -> None:
-        self._place = place
-        self.plug_in()
-
-    def plug_in(self) -> None:
-        self._ends = os.openpty()
-        self._place.symlink_to(os.ttyname(self._ends[1]))
-
-    def send(self, data: bytes) -> None:
-        os.write(self._ends[0], data)
-
-    def pull_out(self) -> None:
-        self._place.unlink()
-        self.close()
-
-    def close(self) -> None:
-        for end in self._ends:
-            os.close(end)
-
-
-@pytest.mark.parametrize("scheme", ["udp", "tcp-listen"])
+@both_kinds
 def test_an_address_that_is_taken_is_refused(scheme):
-    kind = socket.SOCK_DGRAM if scheme == "udp" else socket.SOCK_STREAM
-    with closing(socket.socket(type=kind)) as taken:
+    with closing(socket.socket(type=socket.SOCK_DGRAM if scheme == "udp" else socket.SOCK_STREAM)) as taken:
         taken.bind(("127.0.0.1", 0))
         if scheme != "udp":
             taken.listen()

@@ -1,34 +1,42 @@
 """A walk in progress: blocks do not matter, odd samples are survived, and it ends where the recording does."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
 from fg_nav.detection import detect_stances
-from fg_nav.errors import DetectionError, EstimationError, FgNavError, RecordingError
+from fg_nav.errors import DetectionError, EstimationError, FgNavError
 from fg_nav.estimators import METHODS
 from fg_nav.evaluation.metrics import measure_gap
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.online import OnlineNavigator
-from fg_nav.online.buffer import rows_of
+from fg_nav.online import navigator as navigator_module
+from fg_nav.online.buffer import OnlineOptions, rows_of
 from fg_nav.online.navigator import finish_walk
+from fg_nav.online.strides import find_stride_fixes
 from fg_nav.samples.intake import MAX_CLOCK_STEP_S, UNKNOWN_GAP_S, Intake
 from fg_nav.smoother import smooth
+from fg_nav.smoother.constraints import pin_to_times
+from fg_nav.truth import Fix
 from fg_nav.walk import Options, Walk
-from tests.online.walks import NORTH, estimates_of, push, short_walk, worst_difference
+from tests.online.walks import (
+    NORTH,
+    estimates_of,
+    push,
+    revisions_of,
+    short_walk,
+    spoil,
+    walked,
+    whole_walk,
+    worst_difference,
+)
+from tests.smoother.test_fixes import demo, errors, fixes_at, truth_from_start, with_fixes
 
 
-@pytest.fixture(scope="module")
-def whole():
-    """The walk in one block: its navigator, and the estimates."""
-    navigator = OnlineNavigator(NORTH)
-    found = push(navigator, rows_of(short_walk()))
-    return navigator, estimates_of(found + navigator.close())
-
-
-def test_each_footfall_is_returned_once_and_in_order(whole):
-    navigator, found = whole
+def test_each_footfall_is_returned_once_and_in_order():
+    navigator, found = whole_walk()
     assert [e.number for e in found] == list(range(len(found)))
     assert (np.diff([e.t for e in found]) > 0).all()
     new = sum(not f.continues for f in navigator.footfalls)
@@ -40,24 +48,19 @@ def test_each_footfall_is_returned_once_and_in_order(whole):
 
 
 @pytest.mark.parametrize("seed", [None, 1])
-def test_blocks_do_not_matter(whole, seed):
-    rows = rows_of(short_walk())
-    rng = np.random.default_rng(seed)
+def test_blocks_do_not_matter(seed):
+    rows, rng = rows_of(short_walk()), np.random.default_rng(seed)
     cuts = range(1, len(rows)) if seed is None else np.sort(rng.integers(0, len(rows), rng.integers(1, 300)))
-    navigator = OnlineNavigator(NORTH)
-    push(navigator, rows, cuts)
-    navigator.close()
-    assert worst_difference(navigator.causal(), whole[0].causal()) < 1e-9
-    assert worst_difference(navigator.smoothed(), whole[0].smoothed()) < 1e-9
+    navigator, _ = walked(rows, cuts=cuts)
+    assert worst_difference(navigator.causal(), whole_walk()[0].causal()) < 1e-9
+    assert worst_difference(navigator.smoothed(), whole_walk()[0].smoothed()) < 1e-9
 
 
-def test_it_ends_with_what_its_graph_has_and_polished_with_the_batch(whole):
-    navigator, _ = whole
-    recording = short_walk()
+def test_it_ends_with_what_its_graph_has_and_polished_with_the_batch():
+    navigator, recording = whole_walk()[0], short_walk()
     stances = detect_stances(recording)
     batch = smooth(recording, stances, heading=0.0, field=average_footfall_field(recording, stances))
-    found = finish_walk(navigator, polish=True)
-    smoothed = navigator.smoothed()
+    found, smoothed = finish_walk(navigator, polish=True), navigator.smoothed()
     assert set(found.stances.sample) <= set(smoothed.sample)
     np.testing.assert_allclose(found.position[smoothed.sample], smoothed.position, atol=1e-9)
     np.testing.assert_allclose(found.nav_R_body[smoothed.sample], smoothed.nav_R_body, atol=1e-9)
@@ -77,19 +80,32 @@ def test_it_ends_with_what_its_graph_has_and_polished_with_the_batch(whole):
     assert finish_walk(navigator, polish=False).polished is None
 
 
+def test_a_walk_without_a_batch_solution_still_ends(monkeypatch):
+    """Polished without its field, if that helps; else with a note."""
+    navigator, error = whole_walk()[0], EstimationError("it does not converge.")
+    with monkeypatch.context() as patched:
+        spoil(patched, navigator_module, "smooth", lambda number, *given: given[5] is not None, error)
+        without = navigator.polish()
+    assert any("does not converge" in note for note in without.notes)
+    assert set(without.stances.field) == {"none"}
+    spoil(monkeypatch, navigator_module, "smooth", lambda number, *given: True, error)
+    found = finish_walk(navigator, polish=True)
+    assert len(found.t) == len(short_walk())
+    assert found.polished is None
+    assert any("no batch solution: it does not converge" in note for note in found.notes)
+
+
 def test_between_footfalls_the_pose_is_carried_on():
     """In mid-swing it is where the whole walk has the foot then, to what a second of strapdown loses."""
     recording = short_walk()
-    rows = rows_of(recording)
-    stances = detect_stances(recording)
+    rows, stances = rows_of(recording), detect_stances(recording)
     batch = smooth(recording, stances, heading=0.0)
     navigator, begin = OnlineNavigator(NORTH), 0
     assert navigator.pose() is None
     for k in range(5, 10):
         stop = int(stances.stop[k] + stances.start[k + 1]) // 2
         push(navigator, rows[begin:stop])
-        begin = stop
-        pose = navigator.pose()
+        begin, pose = stop, navigator.pose()
         assert pose.t == [recording.t[stop - 1]]
         assert np.linalg.norm(pose.velocity) > 1.0
         assert np.linalg.norm(pose.position[0] - batch.position[stop - 1]) < 0.15
@@ -99,8 +115,12 @@ def test_between_footfalls_the_pose_is_carried_on():
     assert np.linalg.norm(navigator.pose().velocity) < 1.0
 
 
-def spoiled(rows, kind):
-    rows, rng = rows.copy(), np.random.default_rng(3)
+# --- odd samples -----------------------------------------------------------------------------------------------------
+
+
+def spoiled(kind):
+    """Rows of the walk with something odd in their middle."""
+    rows, rng = rows_of(short_walk()), np.random.default_rng(3)
     middle = len(rows) // 2
     if kind == "missing":
         rows[middle : middle + 5, 4:7] = np.nan
@@ -118,107 +138,123 @@ def spoiled(rows, kind):
     return rows
 
 
-@pytest.mark.parametrize("kind", ["missing", "repeated", "backward", "ahead", "gap", "restart"])
-def test_odd_samples_are_left_out_counted_and_reported_once(whole, kind):
-    rows = spoiled(rows_of(short_walk()), kind)
-    told = []
-    navigator = OnlineNavigator(NORTH, told.append)
-    found = estimates_of(push(navigator, rows, range(7, len(rows), 7)) + navigator.close())
-    assert navigator.intake.counts[kind] >= 1
-    kinds = [kind for kind, number in navigator.intake.counts.items() if number]
-    assert len(told) == len(kinds)
+@pytest.mark.parametrize(
+    ("kind", "count"),
+    [("missing", None), ("repeated", 29), ("backward", 30), ("ahead", 1), ("gap", None), ("restart", None)],
+)
+def test_odd_samples_are_left_out_counted_and_reported_once(kind, count):
+    rows, told = spoiled(kind), list[str]()
+    navigator, found = walked(rows, remark=told.append, cuts=range(7, len(rows), 7))
+    counts, found = navigator.intake.counts, estimates_of(found)
+    assert counts[kind] >= 1
+    assert len(told) == sum(number > 0 for number in counts.values())
+    assert any(str(counts[kind]) in note for note in navigator.intake.notes)
     assert np.isfinite([e.position for e in found]).all()
-    last = whole[1][-1]
-    if kind in ("repeated", "backward", "ahead"):
-        expected = {"repeated": 29, "backward": 30, "ahead": 1}[kind]
-        assert abs(navigator.intake.counts[kind] - expected) <= 1
-        assert np.abs(found[-1].position - last.position).max() < 1e-9
-    assert any(str(navigator.intake.counts[kind]) in note for note in navigator.intake.notes)
+    if count is not None:
+        assert abs(counts[kind] - count) <= 1
+        assert np.abs(found[-1].position - whole_walk()[1][-1].position).max() < 1e-9
     if kind == "gap":
-        with_gap, without = (np.linalg.norm(n.causal().position_sigma[-1]) for n in (navigator, whole[0]))
+        with_gap, without = (np.linalg.norm(n.causal().position_sigma[-1]) for n in (navigator, whole_walk()[0]))
         assert with_gap > 3 * without
     if kind == "restart":  # stamps go on, and those of the sensor are found again
-        begins, table = len(rows) // 2, navigator.smoothed()
-        assert 3 < np.searchsorted(table.sample, begins) < len(table) - 3
-        np.testing.assert_allclose(table.t, rows_of(short_walk())[table.sample, 0], rtol=0, atol=1e-9)
+        t, table = rows_of(short_walk())[:, 0], navigator.smoothed()
+        assert 3 < np.searchsorted(table.sample, len(rows) // 2) < len(table) - 3
         sensor_t = [navigator.intake.sensor_time(one) for one in table.t.tolist()]
-        np.testing.assert_allclose(sensor_t, rows[table.sample, 0], rtol=0, atol=1e-9)
-        np.testing.assert_allclose(navigator.finish().t, rows_of(short_walk())[:, 0], rtol=0, atol=1e-9)
+        for one, expected in ((table.t, t[table.sample]), (sensor_t, rows[table.sample, 0]), (navigator.finish().t, t)):
+            np.testing.assert_allclose(one, expected, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize(("step_s", "taken_s"), [(9.9, 9.91), (7200.0, 7200.01), (1.7e9, UNKNOWN_GAP_S)])
 def test_a_gap_keeps_its_length_unless_the_clock_was_set_and_then_it_is_said_by_how_much(step_s, taken_s):
-    rows = rows_of(short_walk()).copy()
+    rows, told = rows_of(short_walk()).copy(), list[str]()
     rows[700:, 0] += step_s
-    told = []
     judge = Intake(told.append)
     taken = judge.push(rows)
     assert taken[700, 0] - taken[699, 0] == pytest.approx(taken_s)
     sensor_t = [judge.sensor_time(t) for t in taken[:, 0].tolist()]
     np.testing.assert_allclose(sensor_t, rows[:, 0], rtol=1e-15, atol=1e-9)
-    back = f"{step_s + 0.01 - taken_s:.3f} s"
-    assert any(f"set back by {back}" in words for words in told) == (step_s > MAX_CLOCK_STEP_S)
-    assert any(f"set back by {back}" in words for words in judge.notes) == (step_s > MAX_CLOCK_STEP_S)
+    for said in (told, judge.notes):
+        was_set = any(f"set back by {step_s + 0.01 - taken_s:.3f} s" in words for words in said)
+        assert was_set == (step_s > MAX_CLOCK_STEP_S)
 
 
 @pytest.mark.parametrize(("first", "step_s"), [(700, 15.0), (-1, 2.0)])
 def test_a_recording_keeps_its_samples_and_its_stamps(first, step_s):
     """It was judged as a file already: no gap in it is shortened, and no sample left out."""
-    walk = short_walk()
-    t = walk.t.copy()
+    t = short_walk().t.copy()
     t[first:] += step_s
-    recording = replace(walk, t=t)
-    found = METHODS["foot"]["online"].run(
-        Walk(recording, detect_stances(recording), options=Options(heading_deg=0.0)), None
-    )
+    recording = replace(short_walk(), t=t)
+    walk = Walk(recording, detect_stances(recording), options=Options(heading_deg=0.0))
+    found = METHODS["foot"]["online"].run(walk, None)
     np.testing.assert_array_equal(found.t, t)
     assert found.runtime_s > 0.1
     assert not any("times" in note for note in found.notes)
 
 
-@pytest.mark.parametrize(("column", "factor", "word"), [(slice(1, 4), 0.102, "in g"), (slice(7, 10), 0.01, "gauss")])
-def test_a_wrong_unit_is_refused_as_in_a_file(column, factor, word):
-    rows = rows_of(short_walk())
-    rows[:, column] *= factor
-    with pytest.raises(RecordingError, match=word):
-        push(OnlineNavigator(NORTH), rows, range(50, len(rows), 50))
-
-
 def test_there_is_no_end_without_a_walk():
-    navigator = OnlineNavigator(NORTH)
     with pytest.raises(FgNavError):
-        navigator.finish()
-    t = np.arange(500) / 100.0
-    rng = np.random.default_rng(0)
-    shaken = OnlineNavigator(NORTH)
+        OnlineNavigator(NORTH).finish()
+    with pytest.raises(DetectionError):
+        OnlineNavigator(replace(NORTH, lag_s=60.0)).finish()
+    t, rng, shaken = np.arange(500) / 100.0, np.random.default_rng(0), OnlineNavigator(NORTH)
     assert shaken.push(t, rng.normal(0, 30, (500, 3)), rng.normal(0, 10, (500, 3))) == []
     with pytest.raises(DetectionError):
         shaken.finish()
     with pytest.raises(EstimationError):
         shaken.push(t, t[:, None], t[:, None])
-    with pytest.raises(DetectionError):
-        OnlineNavigator(replace(NORTH, lag_s=60.0)).finish()
 
 
-def test_a_walk_without_a_batch_solution_still_ends(whole, monkeypatch):
-    """Polished without its field, if that helps; else with a note."""
-    from fg_nav.online import navigator as module
+# --- fixes -----------------------------------------------------------------------------------------------------------
 
-    navigator, _ = whole
-    solve = module.smooth
 
-    def never(*_: object) -> None:
-        raise EstimationError("it does not converge.")
+TURN_DEG = 40.0
 
-    def not_with_field(*given: object) -> object:
-        return never() if given[5] is not None else solve(*given)
 
-    monkeypatch.setattr(module, "smooth", not_with_field)
-    without = navigator.polish()
-    assert any("does not converge" in note for note in without.notes)
-    assert set(without.stances.field) == {"none"}
-    monkeypatch.setattr(module, "smooth", never)
-    found = finish_walk(navigator, polish=True)
-    assert len(found.t) == len(short_walk())
-    assert found.polished is None
-    assert any("no batch solution: it does not converge" in note for note in found.notes)
+@cache
+def through_fixes(heading: float | None, turn_deg: float):
+    """The navigator of a walk with two fixes, and what it told."""
+    options = OnlineOptions(heading_rad=heading, use_field=False, fixes=tuple(fixes(turn_deg)))
+    rows = rows_of(demo().recording)
+    return walked(rows, options, cuts=range(64, len(rows), 64))
+
+
+def fixes(turn_deg: float = 0.0) -> list[Fix]:
+    return fixes_at([12, 25], turn_deg, sigma=0.05)
+
+
+def test_the_walk_goes_through_its_fixes_as_in_batch():
+    found, batch = through_fixes(0.0, 0.0)[0].finish(), with_fixes(fixes(), heading=0.0)
+    where = np.searchsorted(found.stances.t, [fix.time_s - 0.05 for fix in fixes()])
+    assert errors(found)[where].max() < 0.04
+    assert found.graph["position_fix"] == len(fixes())
+    assert np.linalg.norm((found.stances.position - batch.stances.position)[:, :2], axis=1).max() < 0.1
+
+
+def test_the_map_turns_to_the_fixes_and_says_so_and_what_they_have_yet_to_show_is_in_the_sigmas():
+    navigator, told = through_fixes(None, TURN_DEG)
+    assert errors(navigator.finish(), TURN_DEG).max() < 0.25
+    turns, turn = [one for one in revisions_of(told) if one.turn], np.radians(TURN_DEG)
+    assert abs(sum(one.turn for one in turns) + turn) < np.radians(1.5)
+    first = fixes()[0].time_s
+    assert first < turns[0].t < first + 12.0  # the next solution of all of it
+    lines = estimates_of(told)
+    truth = truth_from_start(demo())[[one.sample for one in lines]]
+    east = np.cos(turn) * truth[:, 0] - np.sin(turn) * truth[:, 1]
+    off = np.abs([one.position[0] for one in lines] - east)
+    sigma = np.sqrt([one.pose_cov[0, 0] for one in lines])
+    assert off.max() > 2.0
+    assert (off < 3.0 * sigma + 0.02).all()
+    assert np.degrees(lines[-1].pose_cov[3, 3] ** 0.5) < 3.0
+
+
+def test_a_fix_of_a_stride_has_the_node_and_the_sigma_of_the_batch():
+    rng = np.random.default_rng(4)
+    t_node = np.sort(rng.uniform(0.0, 4.0, 6))
+    several = [Fix(float(t), rng.normal(size=3), 0.2, 0.3) for t in rng.uniform(-1.0, 5.0, 40)]
+    before = float(t_node[2])
+    found = find_stride_fixes(several, t_node, before)
+    inside = [fix for fix in several if before < fix.time_s <= t_node[-1]]
+    assert [fix.time_s for _, fix in found] == [fix.time_s for fix in inside]
+    pinned = pin_to_times(inside, t_node)
+    np.testing.assert_array_equal([node for node, _ in found], pinned.node)
+    np.testing.assert_allclose([fix.horizontal_sigma_m for _, fix in found], pinned.horizontal)

@@ -9,12 +9,19 @@ import pytest
 from fg_nav.detection.causal import CausalParameters, CausalStances
 from fg_nav.frames import compute_heading, yaw_rotation
 from fg_nav.online.buffer import OnlineOptions, ReportedFootfall
-from fg_nav.online.estimates import MAX_POINTS, Revision, StanceEstimate, compare_pasts, format_revision
+from fg_nav.online.estimates import Revision, StanceEstimate, compare_pasts, format_revision
 from fg_nav.online.resolve import OPEN_S, UNREPORTED, review_footfalls
-from fg_nav.online.smoother import OnlineSmoother
-from tests.online.test_online_smoother import add, farthest, footfall_at, in_field, smoother_of
-from tests.online.walks import estimates_of, revisions_of, short_walk
-from tests.smoother.walks import Walk, demo
+from tests.online.walks import (
+    add,
+    estimates_of,
+    farthest,
+    footfall_at,
+    in_field,
+    revisions_of,
+    short_walk,
+    smoother_of,
+)
+from tests.smoother.walks import demo
 
 
 @cache
@@ -34,18 +41,14 @@ def swing_behind(k: int) -> ReportedFootfall:
     return ReportedFootfall(footfall_at(np.array([middle - 5]), np.array([middle + 5]), middle), 99, middle + 6)
 
 
-def review(footfalls: list[ReportedFootfall]) -> list[ReportedFootfall]:
-    return review_footfalls(short_walk(), 0, footfalls)
-
-
-def test_footfalls_that_are_none_are_taken_out_and_those_that_were_missed_are_put_in() -> None:
-    told = list(told_footfalls())
-    assert review(told) == told
-    assert review([*told[:6], swing_behind(5), *told[6:]]) == told
+def test_footfalls_that_are_none_are_taken_out_and_those_that_were_missed_are_put_in():
+    told, walk = list(told_footfalls()), short_walk()
+    assert review_footfalls(walk, 0, told) == told
+    assert review_footfalls(walk, 0, [*told[:6], swing_behind(5), *told[6:]]) == told
     first = int(told[3].footfall.start[0]) - 50  # samples of a part of the walk are enough
-    part = short_walk().slice(first, len(short_walk()))
+    part = walk.slice(first, len(walk))
     assert review_footfalls(part, first, [*told[3:5], swing_behind(4), *told[5:]]) == told[3:]
-    found = review([*told[:5], *told[6:]])
+    found = review_footfalls(walk, 0, [*told[:5], *told[6:]])
     assert [one.line for one in found] == [*range(5), UNREPORTED, *range(6, len(told))]
     missed, true = found[5].footfall, told[5].footfall
     assert missed.start[0] < true.stop[-1]
@@ -53,16 +56,13 @@ def test_footfalls_that_are_none_are_taken_out_and_those_that_were_missed_are_pu
     assert (np.diff([one.until for one in found]) >= 0).all()
 
 
-def test_the_newest_part_of_a_walk_stays_as_it_was_told() -> None:
+def test_the_newest_part_of_a_walk_stays_as_it_was_told():
     walk, told = short_walk(), list(told_footfalls())
     cut = int(told[8].footfall.start[0]) + 20
-    part, known = walk.slice(0, cut), told[:8]
-    swing = swing_behind(7)
-    assert walk.t[cut - 1] - walk.t[swing.footfall.stop[-1]] < OPEN_S
-    assert review_footfalls(part, 0, [*known, swing]) == [*known, swing]
-    late = told[7].footfall.stop[-1]
-    assert walk.t[cut - 1] - walk.t[late] < OPEN_S
-    assert review_footfalls(part, 0, known[:7]) == known[:7]
+    part, swing = walk.slice(0, cut), swing_behind(7)
+    for one, given in ((swing, [*told[:8], swing]), (told[7], told[:7])):
+        assert walk.t[cut - 1] - walk.t[one.footfall.stop[-1]] < OPEN_S
+        assert review_footfalls(part, 0, given) == given
 
 
 # --- what changed ----------------------------------------------------------------------------------------------------
@@ -70,24 +70,10 @@ def test_the_newest_part_of_a_walk_stays_as_it_was_told() -> None:
 
 def straight(count: int, heading: float = 0.0) -> list:
     """Rows of a walk straight on."""
-    attitude = yaw_rotation(heading)
+    R, zero = yaw_rotation(heading), np.zeros(3)
+    rest = float(compute_heading(R)), zero, zero, np.eye(4), np.ones(3), 1.0, "none", ""
     return [
-        StanceEstimate(
-            number=k,
-            sample=100 * k,
-            t=1.0 * k,
-            position=attitude @ np.array([0.0, 1.3 * k, 0.0]),
-            nav_R_body=attitude,
-            heading=float(compute_heading(attitude)),
-            velocity=np.zeros(3),
-            gyro_bias=np.zeros(3),
-            pose_cov=np.eye(4),
-            gyro_bias_sigma=np.ones(3),
-            compass_weight=1.0,
-            field="none",
-            field_reason="",
-        ).as_row()
-        for k in range(count)
+        StanceEstimate(k, 100 * k, 1.0 * k, R @ np.array([0.0, 1.3 * k, 0.0]), R, *rest).as_row() for k in range(count)
     ]
 
 
@@ -96,7 +82,7 @@ def lines(revision: Revision) -> list[dict]:
 
 
 @pytest.mark.parametrize("angle_deg", [-150.0, 0.7, 2.0])
-def test_a_map_that_turns_by_more_than_a_degree_is_announced(angle_deg: float) -> None:
+def test_a_map_that_turns_by_more_than_a_degree_is_announced(angle_deg):
     """Clockwise, as headings are."""
     before, after = straight(12), straight(14, np.radians(angle_deg))
     clockwise = np.degrees(compute_heading(yaw_rotation(np.radians(angle_deg))) - compute_heading(np.eye(3)))
@@ -106,75 +92,54 @@ def test_a_map_that_turns_by_more_than_a_degree_is_announced(angle_deg: float) -
         assert np.isclose((found[0]["angle_deg"] - clockwise + 180) % 360, 180, atol=1e-3)
 
 
-def test_lines_whose_footfalls_were_none_are_retracted_before_the_path() -> None:
+def test_lines_whose_footfalls_were_none_are_retracted_before_the_path():
     found = lines(compare_pasts(straight(12), straight(12), 0, [(7, 7.5), (9, 9.5)]))
-    assert [(line["kind"], line.get("stance"), line.get("stance_t")) for line in found] == [
-        ("retracted", 7, 7.5),
-        ("retracted", 9, 9.5),
-        ("revised", None, None),
-    ]
+    expected = [("retracted", 7, 7.5), ("retracted", 9, 9.5), ("revised", None, None)]
+    assert [(line["kind"], line.get("stance"), line.get("stance_t")) for line in found] == expected
     assert {line["t"] for line in found} == {11.0}
 
 
 @pytest.mark.parametrize("count", [1, 200, 201, 5000])
-def test_the_path_is_all_of_the_walk_in_two_hundred_points_at_most(count: int) -> None:
+def test_the_path_is_all_of_the_walk_in_two_hundred_points_at_most(count):
     rows = straight(count)
     path = np.array(lines(compare_pasts(rows[-10:], rows, max(count - 10, 0), []))[-1]["path"])
-    assert path.shape == (min(count, MAX_POINTS), 4)
+    assert path.shape == (min(count, 200), 4)
     np.testing.assert_allclose(path[-1], [count - 1, 0.0, 1.3 * (count - 1), 0.0], atol=1e-3)
     np.testing.assert_allclose(path[0], 0.0)
     gaps = np.diff(path[:, 0])
     assert not len(gaps) or ((gaps > 0).all() and gaps.max() - gaps.min() <= 1.0)
 
 
-# --- of a walk -------------------------------------------------------------------------------------------------------
-
-
-def add_told(online: OnlineSmoother, walk: Walk, k: int) -> list:
-    """Add a footfall of a walk; what is returned."""
-    of = walk.stances.footfall == k
-    still = int(walk.stances.stillest(walk.recording.gyr)[k])
-    footfall = footfall_at(walk.stances.start[of], walk.stances.stop[of], still)
-    return online.add_footfall(footfall, int(walk.stances.stop[of][-1]) + 5)
-
-
-def add_in_swing(online: OnlineSmoother, walk: Walk, k: int) -> list:
-    """Add a false footfall in the middle of the swing before footfall k."""
-    before, after = (walk.stances.footfall == i for i in (k - 1, k))
-    middle = int(walk.stances.stop[before][-1] + walk.stances.start[after][0]) // 2
-    return online.add_footfall(footfall_at(np.array([middle - 10]), np.array([middle + 10]), middle), middle + 12)
-
-
-def test_a_false_footfall_is_taken_back_and_what_rests_on_it_is_made_anew() -> None:
-    walk, at, false = demo(), 14, 14
+def test_a_false_footfall_is_taken_back_and_what_rests_on_it_is_made_anew():
+    """In the middle of the swing before footfall `at`; and one that was missed is put in."""
+    walk, at = demo(), 14
     online, undisturbed, short = smoother_of(walk), smoother_of(walk), smoother_of(walk)
-    found = [one for k in range(at) for one in add_told(online, walk, k)]
-    found += add_in_swing(online, walk, at)
-    found += [one for k in range(at, at + 10) for one in add_told(online, walk, k)]
+    found = [one for k in range(at) for one in add(online, walk, k)]
+    before, after = (walk.stances.footfall == i for i in (at - 1, at))
+    middle = int(walk.stances.stop[before][-1] + walk.stances.start[after][0]) // 2
+    found += online.add_footfall(footfall_at(np.array([middle - 10]), np.array([middle + 10]), middle), middle + 12)
+    found += [one for k in range(at, at + 10) for one in add(online, walk, k)]
     for k in range(at + 10):
         add(undisturbed, walk, k)
+        if k != at:
+            add(short, walk, k)
     (retracted,) = [line for one in revisions_of(found) for line in one.retracted]
-    assert retracted == (false, next(one.t for one in estimates_of(found) if one.number == false))
+    assert retracted == (at, next(one.t for one in estimates_of(found) if one.number == at))
     assert [one.number for one in estimates_of(found)] == list(range(at + 11))
-    assert [one.line for one in online.footfalls] == [k for k in range(online.n_reported) if k != false]
+    assert [one.line for one in online.footfalls] == [k for k in range(online.n_reported) if k != at]
     assert len(online.smoothed()) == len(online.causal()) - 1 == at + 10
     np.testing.assert_allclose(online.latest.position, undisturbed.latest.position, atol=0.05)
     assert online.latest.number == online.n_reported - 1
-    # one that was missed is put in
-    for k in range(at + 10):
-        if k != at:
-            add(short, walk, k)
     assert [one.line for one in short.footfalls] == [*range(at), UNREPORTED, *range(at, at + 9)]
     assert farthest(short.smoothed(), undisturbed.smoothed()) < 0.05
 
 
-def test_a_map_that_was_turned_is_where_the_field_has_north() -> None:
+def test_a_map_that_was_turned_is_where_the_field_has_north():
     """Without a heading the walk begins to the north; the field says where that is."""
-    walk = in_field()
-    online = smoother_of(walk, OnlineOptions(heading_rad=None))
+    online = smoother_of(in_field(), OnlineOptions(heading_rad=None))
     told, turns, sigma = [], [], []
     for k in range(12):
-        found = add_told(online, walk, k)
+        found = add(online, in_field(), k)
         turns += [(len(told), one.turn) for one in revisions_of(found) if one.turn]
         sigma.append(np.degrees(np.sqrt(found[-1].pose_cov[3, 3])))
         told.append(found[-1].heading)

@@ -3,62 +3,60 @@
 import os
 import pickle
 import signal
-import subprocess
-import sys
-import time
 from concurrent.futures import Future
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
+import gtsam
 import numpy as np
 import pytest
+from gtsam.symbol_shorthand import B, M, V, X
 
 from fg_nav.online import buffer as online_buffer
 from fg_nav.online import resolve, smoother, strides
-from fg_nav.online.buffer import LEAD_S, UNSEEN, OnlineOptions, Pace, PartialWalk, SampleBuffer, rows_of
-from fg_nav.online.resolve import Solver, SolverProcess, Task, WalkSolver
+from fg_nav.online.buffer import LEAD_S, UNSEEN, OnlineOptions, Pace, PartialWalk, SampleBuffer
+from fg_nav.online.estimates import EstimateRow, Past, PathNodes
+from fg_nav.online.resolve import Solver, SolverProcess, Task, WalkSolver, solve_so_far
 from fg_nav.online.smoother import OnlineSmoother, window_anchors
-from fg_nav.online.window import Window
-from tests.online.test_online_smoother import (
+from fg_nav.online.strides import StanceNodes, list_stances, list_variables
+from fg_nav.online.window import MarginalPrior, Window, marginalize
+from fg_nav.smoother.square_root import LinearWalk, stack_factors
+from tests.linear import marginal_covariances
+from tests.online.walks import (
     FOOTFALLS,
     add,
+    buffer_of,
     farthest,
     fed,
     in_field,
+    known_until,
+    solve_in_windows,
+    spoil,
     whole,
-    whole_in_field,
 )
-from tests.online.walks import solve_in_windows
-from tests.smoother.walks import demo
+from tests.smoother.walks import FREE, demo, part, time_order
 
 BEHIND, WINDOW = 12, 16
 
 
 @pytest.fixture
-def windows(monkeypatch: pytest.MonkeyPatch) -> None:
+def windows(monkeypatch):
+    for with_field in (False, True):  # before it sets in
+        whole(with_field)
     solve_in_windows(monkeypatch, BEHIND, WINDOW)
 
 
-@pytest.fixture(scope="module")
-def solved_as_a_whole() -> dict[bool, OnlineSmoother]:
-    """The walks without and with the field; made before `windows` sets in."""
-    return {False: whole(), True: whole_in_field()}
-
-
 @cache
-def in_windows(with_field: bool = False, lag_s: float | None = None) -> OnlineSmoother:
-    """The same under `windows`."""
-    if with_field:
-        return fed(in_field(), OnlineOptions(lag_s=lag_s))
-    return fed(demo(), OnlineOptions(lag_s=lag_s))
+def in_windows(with_field: bool, lag_s: float | None) -> OnlineSmoother:
+    """A walk under `windows`."""
+    return fed(in_field() if with_field else demo(), OnlineOptions(lag_s=lag_s))
 
 
 @pytest.mark.usefixtures("windows")
 @pytest.mark.parametrize("with_field", [False, True])
-def test_it_stays_where_the_whole_is(solved_as_a_whole: dict[bool, OnlineSmoother], with_field: bool) -> None:
+def test_it_stays_where_the_whole_is(with_field):
     """By its sigmas, which are larger: what a dozen footfalls showed of the sensor is all that it knows of it."""
-    online, expected = in_windows(with_field), solved_as_a_whole[with_field]
+    online, expected = in_windows(with_field, None), whole(with_field)
     assert online.initial.first > 0
     table, other = online.smoothed(), expected.smoothed()
     np.testing.assert_array_equal(table.sample, other.sample)
@@ -69,9 +67,8 @@ def test_it_stays_where_the_whole_is(solved_as_a_whole: dict[bool, OnlineSmoothe
 
 
 @pytest.mark.usefixtures("windows")
-@pytest.mark.parametrize("with_field", [False, True])
-def test_with_a_lag_it_stays_where_it_is_without(with_field: bool) -> None:
-    online, expected = in_windows(with_field, 12.0), in_windows(with_field)
+def test_with_a_lag_it_stays_where_it_is_without():
+    online, expected = in_windows(True, 12.0), in_windows(True, None)
     assert online.initial.first > 0
     table, other = online.smoothed(), expected.smoothed()
     np.testing.assert_array_equal(table.sample, other.sample)
@@ -79,51 +76,82 @@ def test_with_a_lag_it_stays_where_it_is_without(with_field: bool) -> None:
     np.testing.assert_allclose(table.heading_sigma[-1], other.heading_sigma[-1], rtol=0.1)
 
 
+@pytest.mark.usefixtures("windows")
+def test_anchor_states_behind_footfalls_that_were_taken_back_are_left_out():
+    """Also where there are fewer footfalls now than such a handover had."""
+    online, starts = in_windows(False, None), in_windows(False, None).anchors
+    footfalls = online.footfalls[: starts[-1].stance.number]
+    earlier = replace(online.initial, stance=starts[-2].stance)
+    kept = window_anchors(starts, earlier, footfalls, None, WINDOW)
+    assert [one.stance for one in kept] == [one.stance for one in [*starts[:-1], earlier]]
+    # Those are kept that are not farther back than the last one that is a whole window, or a lag, back.
+    newest, one = online.initial.stance, starts[-2].stance
+    for lag_s, window in ((None, newest.number - one.number), (newest.t - one.t, WINDOW)):
+        kept = window_anchors(starts[:-1], online.initial, online.footfalls, lag_s, window)
+        assert [anchor.stance for anchor in kept] == [one, newest]
+
+
+@pytest.mark.usefixtures("windows")
+def test_a_footfall_that_had_no_solution_has_one_in_hindsight(monkeypatch):
+    usual, failed = in_windows(False, None), []
+
+    def fails(number, window, *_):
+        if window._stances[-1].number == 22:
+            failed.append(number)
+        return len(failed) == 1 and failed[0] == number
+
+    spoil(monkeypatch, Window, "_update", fails)
+    online = fed(demo())
+    assert failed
+    assert farthest(online.causal(), usual.causal()) > 1e-6
+    assert farthest(online.smoothed(), usual.smoothed()) < 0.02
+
+
+# --- in another process ----------------------------------------------------------------------------------------------
+
+
 class InPieces:
     """In place of the other process, with samples of its own; calls go through pickle as over a pipe."""
 
     is_closed = False
 
-    def __init__(self, options: OnlineOptions, monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(self, options, monkeypatch):
         monkeypatch.setattr(resolve, "NICENESS", 0)
         monkeypatch.setattr(resolve, "_solvers", {})
         resolve._set_up({None: options})
-        self.pace = Pace()
+        self.pace, self.fails = Pace(), False
 
     @property
-    def buffer(self) -> SampleBuffer:
+    def buffer(self):
         return resolve._solvers[None].buffer
 
-    def submit(self, *arguments: object) -> Future[object]:
-        future: Future[object] = Future()
-        future.set_result(pickle.loads(pickle.dumps(resolve._run(*pickle.loads(pickle.dumps(arguments))))))
+    def submit(self, *arguments):
+        future = Future()
+        if self.fails and isinstance(arguments[-1], Task):
+            future.set_exception(MemoryError())
+        else:
+            future.set_result(pickle.loads(pickle.dumps(resolve._run(*pickle.loads(pickle.dumps(arguments))))))
         return future
 
-    def close(self) -> None: ...
+    def close(self): ...
 
 
 @pytest.mark.usefixtures("windows")
 @pytest.mark.parametrize("lag_s", [None, 12.0])
-def test_what_solves_beside_holds_a_window_of_samples_and_says_the_same(
-    monkeypatch: pytest.MonkeyPatch, lag_s: float | None
-) -> None:
+def test_what_solves_beside_holds_a_window_of_samples_and_says_the_same(monkeypatch, lag_s):
+    options, here = OnlineOptions(lag_s=lag_s), in_windows(True, lag_s)
     for owner, context_s in ((smoother, 3.0), (resolve, 3.0), (strides, 2.0)):
         monkeypatch.setattr(owner, "CONTEXT_S", context_s)
-    options = OnlineOptions(lag_s=lag_s)
-    here, buffer = fed(in_field(), options), SampleBuffer()
-    beside = InPieces(options, monkeypatch)
-    rows = rows_of(in_field().recording)
-    solver = Solver(WalkSolver(options, buffer), beside)
-    there = OnlineSmoother(options, buffer, solver=solver)
-    buffer.append(rows)
+    beside, buffer = InPieces(options, monkeypatch), SampleBuffer()
+    there = OnlineSmoother(options, buffer, solver=Solver(WalkSolver(options, buffer), beside))
+    buffer.append(buffer_of(in_field()).between(0, len(in_field().recording)))
     kept = []
     for k in range(FOOTFALLS):
-        until = add(there, in_field(), k)
-        kept.append((until - beside.buffer.first, until - buffer.first))
+        add(there, in_field(), k)
+        kept.append(known_until(in_field(), k) - beside.buffer.first)
     np.testing.assert_array_equal(here.causal().position, there.causal().position)
     np.testing.assert_array_equal(here.smoothed().pose_cov, there.smoothed().pose_cov)
-    seconds = np.array(kept)[-10:] / 200.0
-    assert seconds[:, 0].max() < 28.0 < in_field().recording.t[until] - 10.0
+    assert max(kept[-10:]) / 200.0 < 28.0 < in_field().recording.t[known_until(in_field(), FOOTFALLS - 1)] - 10.0
     assert (buffer.first > 0) == (lag_s is not None)
 
 
@@ -132,26 +160,25 @@ class Late(Solver):
 
     late = 0
 
-    def begin(self, task: Task) -> None:
+    def begin(self, task):
         self._missed = 0
         super().begin(task)
 
-    def is_ready(self) -> bool:
+    def is_ready(self):
         self._missed += 1
         return self._missed > self.late
 
 
 @pytest.mark.usefixtures("windows")
 @pytest.mark.parametrize("late", [3, smoother.MAX_LATE + 3])
-def test_a_walk_goes_on_without_a_solution_that_is_late(monkeypatch: pytest.MonkeyPatch, late: int) -> None:
+def test_a_walk_goes_on_without_a_solution_that_is_late(monkeypatch, late):
     """What came in the meantime is added to it when it is there: here, or where it is solved if that is much."""
-    usual = in_windows()
+    usual = in_windows(False, None)
     monkeypatch.setattr(smoother, "FAST", np.inf)
     monkeypatch.setattr(Late, "late", late)
-    options, buffer = OnlineOptions(), SampleBuffer()
-    solver = Late(WalkSolver(options, buffer), InPieces(options, monkeypatch))
-    online = OnlineSmoother(options, buffer, solver=solver)
-    buffer.append(rows_of(demo().recording))
+    options, buffer = OnlineOptions(), buffer_of(demo())
+    beside = InPieces(options, monkeypatch)
+    online = OnlineSmoother(options, buffer, solver=Late(WalkSolver(options, buffer), beside))
     begun = []
     for k in range(FOOTFALLS):
         online.prepare()
@@ -165,46 +192,36 @@ def test_a_walk_goes_on_without_a_solution_that_is_late(monkeypatch: pytest.Monk
     np.testing.assert_allclose(online.latest.position, online.smoothed().position[-1], atol=1e-3)
 
 
-def test_what_came_after_a_solution_that_was_late_is_not_lost() -> None:
-    """It is asked for in two parts, of a solver that has not begun, and of one that has answered the first."""
-    walk = demo()
-    told = fed(walk, footfalls=20).footfalls
-    buffer, found = SampleBuffer(), []
-    buffer.append(rows_of(walk.recording))
-    for waits in (False, True):
-        here = WalkSolver(OnlineOptions(), buffer)
-        solver = Solver(here)
-        solver.begin(Task(None, tuple(told[:14]), UNSEEN, since=0))
+@pytest.mark.parametrize("case", ["not begun", "answered the first part", "failed"])
+def test_what_came_after_a_solution_that_was_late_or_failed_is_not_lost(monkeypatch, case):
+    """It is asked for in two parts; what failed beside is solved here, with what was requested after it."""
+    told, buffer, remarks = whole(False).footfalls[:20], buffer_of(demo()), []
+    here, beside = WalkSolver(OnlineOptions(), buffer), None
+    if case == "failed":
+        beside = InPieces(OnlineOptions(), monkeypatch)
+        beside.fails = True
+    solver = Solver(here, beside, remarks.append)
+    solver.begin(Task(None, tuple(told[:14]), UNSEEN, since=0))
+    if case == "not begun":
         assert here.run(()) is None  # the line at which it begins does not wait for it
-        solver.request(told[14:17])
-        if waits:
-            solver.take()
-        solver.request(told[17:])
-        anchor = solver.take()
-        assert [one.line for one in anchor.footfalls] == list(range(20))
-        found.append(Window(anchor, PartialWalk(buffer, footfalls=told)).latest)
-    np.testing.assert_array_equal(found[0].position, found[1].position)
+    solver.request(told[14:17])
+    if case == "answered the first part":
+        solver.take()
+    solver.request(told[17:])
+    anchor = solver.take()
+    assert [one.line for one in anchor.footfalls] == list(range(20))
+    latest = Window(anchor, PartialWalk(buffer, footfalls=told)).latest
+    np.testing.assert_allclose(latest.position, whole(False).smoothed().position[19], atol=0.1)
+    assert ["has failed (MemoryError)" in words for words in remarks] == [True] * (case == "failed")
+    assert solver.is_here
 
 
-def test_what_is_kept_before_a_window_is_all_that_its_strides_look_at() -> None:
+def test_what_is_kept_before_a_window_is_all_that_its_strides_look_at():
     """Else a process that discarded the rest would say something else than one that has it."""
     assert resolve.CONTEXT_S >= strides.CONTEXT_S + LEAD_S
 
 
-@pytest.mark.usefixtures("windows")
-def test_anchor_states_behind_footfalls_that_were_taken_back_are_left_out() -> None:
-    """Also where there are fewer footfalls now than such a handover had."""
-    online = fed(demo(), footfalls=30)
-    newest, starts = online.initial, list(online.anchors)
-    del online.footfalls[starts[-1].stance.number :]
-    earlier = replace(newest, stance=starts[-2].stance)
-    kept = window_anchors(starts, earlier, online.footfalls, None, smoother.WINDOW)
-    assert [one.stance for one in kept] == [one.stance for one in [*starts[:-1], earlier]]
-
-
-def test_a_process_beside_says_the_same_and_is_replaced_where_it_dies(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_process_beside_says_the_same_and_is_replaced_where_it_dies(monkeypatch, tmp_path):
     """It is killed once it has answered; the walk goes on to the bit, with one remark.
 
     Modules in the folder that the user is in are none of its own.
@@ -212,35 +229,28 @@ def test_a_process_beside_says_the_same_and_is_replaced_where_it_dies(
     monkeypatch.setattr(smoother, "FAST", 0.0)  # solutions are waited for, however slow the machine
     (tmp_path / "numpy.py").write_text("raise ImportError\n")
     monkeypatch.chdir(tmp_path)
-    walk, buffer, remarks = in_field(), SampleBuffer(), []
-    options = OnlineOptions()
-    here = fed(walk, options, 32)
-    buffer.append(rows_of(walk.recording))
-    process = SolverProcess({None: options})
+    options, buffer, remarks = OnlineOptions(), buffer_of(demo()), []
+    here, process = fed(demo(), options, 32), SolverProcess({None: options})
     solver = Solver(WalkSolver(options, buffer), process, remarks.append)
     assert process.pid is None
     try:
         there = OnlineSmoother(options, buffer, solver=solver)
-        for k in range(26):
-            add(there, walk, k)
-        assert there.initial.stance.number == 19
-        assert remarks == []
-        os.kill(process.pid, signal.SIGKILL)
-        for k in range(26, 32):
-            add(there, walk, k)
+        for k in range(32):
+            if k == 26:
+                assert (there.initial.stance.number, remarks) == (19, [])
+                os.kill(process.pid, signal.SIGKILL)
+            add(there, demo(), k)
     finally:
         solver.close()
-    assert len(remarks) == 1
-    assert "has died" in remarks[0]
+    assert ["has died" in words for words in remarks] == [True]
     np.testing.assert_array_equal(here.causal().position, there.causal().position)
     np.testing.assert_array_equal(here.causal().pose_cov, there.causal().pose_cov)
     np.testing.assert_array_equal(here.smoothed().position, there.smoothed().position)
 
 
-def test_a_process_beside_that_was_stopped_is_not_waited_for_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_process_beside_that_was_stopped_is_not_waited_for_for_ever(monkeypatch):
     monkeypatch.setattr(resolve, "MAX_S", 0.1)
-    remarks: list[str] = []
-    process = SolverProcess({None: OnlineOptions()})
+    remarks, process = [], SolverProcess({None: OnlineOptions()})
     here = WalkSolver(OnlineOptions(), SampleBuffer())
     solver = Solver(here, process, remarks.append)
     try:
@@ -253,37 +263,11 @@ def test_a_process_beside_that_was_stopped_is_not_waited_for_for_ever(monkeypatc
         assert solver.is_here
     finally:
         solver.close()
-    assert remarks == [
-        "the process that solves the walk again has not answered for 0 s: this one does its work from here on."
-    ]
+    (words,) = remarks
+    assert words.endswith("has not answered for 0 s: this one does its work from here on.")
 
 
-def test_a_task_that_failed_beside_is_solved_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also where what was requested after it has no answer and did not fail."""
-    walk, remarks = demo(), []
-    told, buffer = fed(walk, footfalls=20).footfalls, SampleBuffer()
-    buffer.append(rows_of(walk.recording))
-    process = InPieces(OnlineOptions(), monkeypatch)
-    submit = process.submit
-
-    def failing(side: object, first: int, rows: object, work: object) -> Future[object]:
-        if not isinstance(work, Task):
-            return submit(side, first, rows, work)
-        future: Future[object] = Future()
-        future.set_exception(MemoryError())
-        return future
-
-    monkeypatch.setattr(process, "submit", failing)
-    solver = Solver(WalkSolver(OnlineOptions(), buffer), process, remarks.append)
-    solver.begin(Task(None, tuple(told[:14]), UNSEEN, since=0))
-    solver.request(told[14:])
-    anchor = solver.take()
-    assert [one.line for one in anchor.footfalls] == list(range(20))
-    assert solver.is_here
-    assert ["has failed (MemoryError)" in words for words in remarks] == [True]
-
-
-def test_what_the_machine_takes_is_no_waiting_for_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_the_machine_takes_is_no_waiting_for_samples(monkeypatch):
     """Else a recording on a slow machine would be taken for a walk in progress, whose solutions are not waited for."""
     clock = iter([0.0, 1.0, 5.0, 6.0, 9.0])
     monkeypatch.setattr(online_buffer.time, "monotonic", lambda: next(clock))
@@ -294,48 +278,104 @@ def test_what_the_machine_takes_is_no_waiting_for_samples(monkeypatch: pytest.Mo
     assert pace.idle_s == 2.0
 
 
-LEFT_RUNNING = """
-import os, signal, sys
-from fg_nav.online.buffer import OnlineOptions
-from fg_nav.online.resolve import SolverProcess
-signal.signal(signal.SIGINT, signal.default_int_handler)  # A shell may have it ignored in the background.
-process = SolverProcess({None: OnlineOptions()})
-process._worker.submit(os.getpid).result()
-print(process.pid, flush=True)
-os.kill(process.pid if sys.argv[1] == "stopped" else os.getpid(), getattr(signal, sys.argv[2]))
-"""
+# --- what a window hands over ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("who", "how"), [("stopped", "SIGSTOP"), ("killed", "SIGKILL"), ("interrupted", "SIGINT")])
-def test_no_process_is_left(tmp_path: Path, who: str, how: str) -> None:
-    """An interpreter that ends does not wait for one that is stopped, and one that is killed leaves none."""
-    script = tmp_path / "script.py"
-    script.write_text(LEFT_RUNNING)
-    done = subprocess.run([sys.executable, script, who, how], capture_output=True, text=True, timeout=60.0)
-    assert (done.returncode == 0) == (who == "stopped"), done.stderr
-    pid, until = int(done.stdout), time.monotonic() + 20.0
-    while time.monotonic() < until:
-        try:
-            os.kill(pid, 0)
-        except ProcessLookupError:
-            return
-        time.sleep(0.05)
-    os.kill(pid, signal.SIGKILL)
-    pytest.fail("it is still there")
+KEYS = X(3), V(3), M(2), B(1)
+DIMS = 6, 3, 9, 6
 
 
-@pytest.mark.usefixtures("windows")
-def test_a_footfall_that_had_no_solution_has_one_in_hindsight(monkeypatch: pytest.MonkeyPatch) -> None:
-    usual, update, failed = in_windows(), Window._update, []
+def moved(values: gtsam.Values, step: np.ndarray) -> gtsam.Values:
+    delta = gtsam.VectorValues()
+    for key, one in zip(KEYS, np.split(step, np.cumsum(DIMS)[:-1]), strict=True):
+        delta.insert(key, one)
+    return values.retract(delta)
 
-    def failing(window: Window, *given: object) -> None:
-        if window._stances[-1].number == 22 and not failed:
-            failed.append(22)
-            raise RuntimeError("Indeterminate linear system detected")
-        update(window, *given)
 
-    monkeypatch.setattr(Window, "_update", failing)
-    online = fed(demo())
-    assert failed
-    assert farthest(online.causal(), usual.causal()) > 1e-6
-    assert farthest(online.smoothed(), usual.smoothed()) < 0.02
+@pytest.mark.parametrize("far", [0.0, 0.4])
+def test_the_jacobian_of_an_anchor_is_the_derivative_of_its_error(far: float) -> None:
+    def error_at(values: gtsam.Values) -> np.ndarray:
+        return -np.asarray(factor.linearize(values).jacobian()[1])
+
+    rng = np.random.default_rng(3)
+    pose = gtsam.Pose3(gtsam.Rot3.RzRyRx(*rng.normal(size=3)), rng.normal(size=3))
+    values = (np.array(pose.matrix()), *(rng.normal(size=d) for d in DIMS[1:]))
+    anchor = MarginalPrior(KEYS, values, rng.normal(size=(sum(DIMS), sum(DIMS))))
+    factor, there = anchor.factor(), moved(anchor.initial_values(), far * rng.normal(size=sum(DIMS)))
+    analytic, h = np.asarray(factor.linearize(there).jacobian()[0]), 1e-5
+    steps = h * np.eye(sum(DIMS))
+    numeric = [(error_at(moved(there, d)) - error_at(moved(there, -d))) / (2 * h) for d in steps]
+    np.testing.assert_allclose(analytic, np.transpose(numeric), atol=1e-6)
+    A, b = factor.linearize(anchor.initial_values()).jacobian()  # what was eliminated
+    np.testing.assert_allclose(A, anchor.A, atol=1e-12)
+    np.testing.assert_allclose(b, 0.0, atol=1e-12)
+
+
+def test_an_anchor_and_the_strides_behind_it_say_what_the_whole_graph_says() -> None:
+    """Of the newest footfall, to the precision of the arithmetic: where it is linearized nothing is lost."""
+    walk, at = part(demo(), 16), 9
+    found = solve_so_far(walk.recording, walk.stances, OnlineOptions(use_field=False, parameters=FREE)).walk
+    stances, values = list_stances(found.problem.nodes, walk.recording.t), found.solved.values
+    linear = found.problem.factors().linearize(values)
+    past = {key for stance in stances[: at + 1] for key in list_variables(stance, values)}
+    before, behind = [], gtsam.GaussianFactorGraph()
+    for factor in (linear.at(i) for i in range(linear.size())):
+        if set(factor.keys()) <= past:
+            before.append(factor)
+        else:
+            behind.push_back(factor)
+    order = time_order(found.problem.nodes, False, found.problem.floor)
+    keys, keep = [order.at(i) for i in range(order.size())], list_variables(stances[at], values)
+    of_past = np.array([key for key in keys if key in past], dtype=np.uint64)
+    root, _ = LinearWalk.of(stack_factors(before), of_past).eliminate()
+    behind.push_back(marginalize(root, values, keep).factor().linearize(values))
+    later = gtsam.Ordering()
+    for key in keys:
+        if key not in past or key in keep:
+            later.push_back(key)
+    tree, newest = behind.eliminateMultifrontal(later, gtsam.EliminateQR), X(stances[-1].result)
+    whole = linear.eliminateMultifrontal(order, gtsam.EliminateQR)
+    expected = marginal_covariances(whole, {newest})[newest]
+    np.testing.assert_allclose(marginal_covariances(tree, {newest})[newest], expected, rtol=1e-6, atol=1e-12)
+    assert np.abs(tree.optimize().at(newest)).max() < 1e-3  # the minimum of the whole is that of both parts
+
+
+def test_an_anchor_state_is_the_newest_estimate_of_the_walk_that_it_leaves() -> None:
+    online = fed(demo(), footfalls=20)
+    anchor = online.window.to_anchor()
+    again = Window(anchor, online.walk).latest
+    np.testing.assert_allclose(again.position, online.latest.position, atol=2e-3)
+    sigma = np.sqrt(np.diagonal(online.latest.pose_cov))
+    assert (np.abs(again.pose_cov - online.latest.pose_cov) < 0.005 * np.outer(sigma, sigma)).all()
+    assert len(anchor.past.rows) == anchor.stance.number - anchor.past.first
+    short = anchor.without_past()
+    assert short.past.rows == ()
+    assert short.footfalls == anchor.footfalls[-1:]
+    np.testing.assert_array_equal(Window(short, online.walk).latest.position, again.position)
+
+
+def past(first: int, names: str, *sample: int) -> Past:
+    n = len(sample)
+    zero = np.zeros((n, 3))
+    nodes = PathNodes(np.array(sample, dtype=np.int64), zero, zero, np.zeros((n, 3, 3)), zero, zero)
+    return Past(first, tuple(EstimateRow(np.zeros(1), name, "") for name in names), nodes)
+
+
+def test_a_later_past_takes_the_place_of_what_it_knows_again() -> None:
+    known, later = past(0, "abcd", 0, 9, 10, 19, 20, 29, 30, 39), past(2, "CDE", 21, 28, 30, 39, 40, 49)
+    joined = known.join(later)
+    assert "".join(row.field for row in joined.rows) == "abCDE"
+    assert joined.nodes.sample.tolist() == [0, 9, 10, 19, 20, 21, 28, 30, 39, 40, 49]
+    assert known.join(Past(3)).rows == known.rows[:3]
+    assert Past().join(known).rows == known.rows
+    before = later.before(StanceNodes(3, 8, 10, 8, 0, 0.0, 34, 3.4, (30, 39)))
+    assert ([row.field for row in before.rows], before.nodes.sample.tolist()) == (["C"], [21, 28])
+
+
+def test_a_window_is_not_changed_by_its_anchor_state() -> None:
+    one, other = (fed(in_field(), footfalls=12) for _ in range(2))
+    one.window.to_anchor()
+    for k in range(12, 15):
+        add(one, in_field(), k)
+        add(other, in_field(), k)
+    np.testing.assert_array_equal(one.smoothed().position, other.smoothed().position)

@@ -2,6 +2,7 @@
 
 import asyncio
 import threading
+from functools import partial
 
 LOOP = asyncio.new_event_loop()
 threading.Thread(target=LOOP.run_forever, name="served", daemon=True).start()
@@ -16,16 +17,8 @@ class Served:
         asyncio.run_coroutine_threadsafe(server.open(door), LOOP).result()
 
     def __getattr__(self, name):
-        return getattr(self.server, name)
-
-    def send(self, line):
-        LOOP.call_soon_threadsafe(self.server.send, line)
-
-    def send_status(self, status):
-        LOOP.call_soon_threadsafe(self.server.send_status, status)
-
-    def send_remark(self, words):
-        LOOP.call_soon_threadsafe(self.server.send_remark, words)
+        found = getattr(self.server, name)
+        return partial(LOOP.call_soon_threadsafe, found) if name.startswith("send") else found
 
     def close(self):
         asyncio.run_coroutine_threadsafe(self.server.close(), LOOP).result()

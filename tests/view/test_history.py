@@ -1,11 +1,11 @@
-"""The path that a page is sent: turned, retracted and revised as the lines say, and bounded."""
+"""The path that a page is sent: turned, retracted and revised as the lines say, bounded; of one sensor, or two feet."""
 
 import json
 
 import numpy as np
 import pytest
 
-from fg_nav.view.history import MAX_ROWS, NEWEST_ROWS, History, turn_line
+from fg_nav.view.history import MAX_ROWS, NEWEST_ROWS, History, Walkers, turn_line
 from tests.view.lines import circle, now
 
 
@@ -86,12 +86,12 @@ def test_the_path_of_the_end_replaces_that_of_the_moment(kind):
 
 def test_a_long_walk_stays_bounded_and_near_its_path():
     """Ten hours round a square of 50 m: corners stay, and no row is far from a side."""
-    history, side, step = History(), 50.0, 1.3
+    history, side, step, line = History(), 50.0, 1.3, json.loads(now(0, 0.0, 0.0))
     for k in range(25_000):
         piece, along = divmod(k * step, side)
         corner, way = [((0, 0), (1, 0)), ((1, 0), (0, 1)), ((1, 1), (-1, 0)), ((0, 1), (0, -1))][int(piece) % 4]
         east, north = side * corner[0] + along * way[0], side * corner[1] + along * way[1]
-        history.add(json.loads(now(k, east, north)))
+        history.add({**line, "stance": k, "t": float(k), "position_m": [east, north, 0.1 * k]})
         assert len(history._rows) <= MAX_ROWS
     rows = np.array(history.rows())
     assert len(rows) > MAX_ROWS / 2
@@ -113,3 +113,61 @@ def test_an_ellipse_turns_with_the_map():
     turn_line(event, 45.0)  # the long axis, north, is north-east now
     assert event["east_north_cov_m2"] == pytest.approx((0.3**2 - 0.1**2) / 2)
     assert event["position_sigma_m"][0] == pytest.approx(np.sqrt((0.3**2 + 0.1**2) / 2))
+
+
+# --- of two feet -----------------------------------------------------------------------------------------------------
+
+
+def of_foot(foot, t, east, frame="left"):
+    return {
+        "kind": "now", "foot": foot, "frame": frame, "stance": int(t), "continues": False, "t": t,
+        "position_m": [east, 0.0, 0.0], "heading_deg": None if foot == "person" else 90.0,
+        "position_sigma_m": [0.1, 0.2, 0.1], "east_north_cov_m2": 0.0,
+    }  # fmt: skip
+
+
+def test_of_one_sensor_there_are_no_feet():
+    walkers = Walkers()
+    line = {key: value for key, value in of_foot("", 1.0, 2.0).items() if key not in ("foot", "frame")}
+    assert walkers.add(line) == (False, True)
+    found = walkers.describe()
+    assert (found["path"], found["last"]["t"], found["feet"]) == ([[1.0, 2.0, 0.0, 0.0]], 1.0, {})
+
+
+def test_a_right_foot_in_a_frame_of_its_own_is_not_drawn_next_to_the_left_one():
+    walkers = Walkers()
+    walkers.add(of_foot("right", 0.5, 7.0, "right"))
+    assert walkers.describe()["last"]["foot"] == "right"
+    assert walkers.add(of_foot("left", 1.0, 1.0)) == (True, True)  # the page's path is another from here on
+    assert set(walkers.describe()["feet"]) == {"left"}
+    assert walkers.add(of_foot("right", 1.5, 1.5)) == (True, False)
+    assert set(walkers.describe()["feet"]) == {"left", "right"}
+
+
+def test_the_path_of_the_page_is_the_persons_once_there_is_one():
+    walkers = Walkers()
+    walkers.add(of_foot("left", 1.0, 1.0))
+    walkers.add({"kind": "revised", "foot": "person", "frame": "left", "t": 0.8, "path": [[0.8, 0.5, 0.0, 0.0]]})
+    assert walkers.describe()["last"]["foot"] == "left"
+    walkers.add(of_foot("person", 1.2, 1.5))
+    found = walkers.describe()
+    assert found["last"]["foot"] == "person"
+    assert [row[1] for row in found["path"]] == [0.5, 1.5]
+
+
+def test_a_foot_turns_with_its_own_map_only():
+    walkers = Walkers()
+    walkers.add(of_foot("left", 1.0, 2.0))
+    walkers.add(of_foot("right", 1.5, 2.0))
+    walkers.add({"kind": "turned", "foot": "right", "frame": "left", "t": 1.5, "angle_deg": 90.0})
+    feet = walkers.describe()["feet"]
+    assert feet["right"]["last"]["position_m"] == pytest.approx([0.0, -2.0, 0.0], abs=1e-9)
+    assert feet["right"]["last"]["position_sigma_m"][:2] == pytest.approx([0.2, 0.1])
+    assert feet["left"]["last"]["position_m"] == [2.0, 0.0, 0.0]
+
+
+def test_news_of_a_foot_draw_nothing():
+    walkers = Walkers()
+    news = {"kind": "foot", "foot": "left", "frame": "left", "t": 1.0, "state": "silent", "reason": ""}
+    assert walkers.add(news) == (False, False)
+    assert walkers.describe()["path"] == []

@@ -1,0 +1,220 @@
+"""What cannot be is refused in one line, and nothing is written."""
+
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fg_nav.calibration.of_recording import METHODS
+from fg_nav.commands.requests import REQUESTS
+from fg_nav.commands.shared import APPLIES
+from fg_nav.io import write_canonical
+from fg_nav.lab.field_survey import SAMPLEWISE
+from fg_nav.lab.simulation import simulate
+from fg_nav.magnetic.detectors import DEFAULT
+from tests.command_line import FgNav, names
+from tests.commands.folders import write_truth
+from tests.commands.test_calibrate import tumbled
+
+NO_RECORDINGS = {name: name for name in ("missing.csv", "letter.txt", "raw.bin")} | {"EMPTY": "empty.csv"}
+FIXES = "time_s,x_m,y_m,z_m,sigma_m\n"
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Files by the words that stand for them."""
+    folder = tmp_path_factory.mktemp("recordings")
+    whole = simulate("demo", 5).recording
+    walk, loop = whole.slice(0, 4000), simulate("calibration-loop", 101).recording
+    mag = np.full_like(walk.mag, np.nan)
+    mag[::200] = walk.mag[::200]
+    bare = replace(walk, mag=None)
+    for name, one in {
+        "WALK": walk,
+        "BARE": bare,
+        "SLOW": replace(walk, mag=mag),
+        "TUMBLED": tumbled(),
+        "STRAIGHT": loop.slice(0, int(9.0 / loop.period_s)),  # of one heading
+        "MIRRORED": replace(bare, gyr=-walk.gyr),
+    }.items():
+        write_canonical(one, folder / f"{name.lower()}.csv")
+    write_truth(folder / "truth.tum", whole)
+    write_truth(folder / "late.tum", whole, later_s=1000.0)
+    for name, text in {
+        "bad.fixes": FIXES + "10,1,2,,0\n",
+        "late.fixes": FIXES + "1000,1,2,,1\n",
+        "good.fixes": FIXES + "10,1,2,,1\n",
+        "empty.csv": "",
+        "letter.txt": "Dear sir,\nno data.\n",
+        "cut.json": "{",
+        "foreign.json": "{}",
+    }.items():
+        (folder / name).write_text(text)
+    (folder / "raw.bin").write_bytes(bytes(range(256)))
+    return {path.stem.upper() if path.suffix == ".csv" else path.name: path for path in folder.iterdir()}
+
+
+def test_what_applies_somewhere_is_an_option() -> None:
+    assert APPLIES.keys() <= {item.name for request in REQUESTS for item in fields(request)}
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        # options that misfit
+        ("run a.csv --sides left,right", "--sides is for --mount feet: add that, or leave --sides out."),
+        ("run a.csv b.csv --mount feet --places p", "--places is for --mount foot: leave --places out."),
+        ("run a.csv --no-mag --gate qsf", "--gate is for the magnetic field: leave --gate out with --no-mag."),
+        ("run a.csv b.csv --truth t.tum", "--truth is of one recording: give the 2 one by one."),
+        ("run a.csv --method iez --polish", "iez makes no use of --polish: leave --polish out, or choose online."),
+        ("compare a.csv --methods qsf,ma2018 --gate qsf", "qsf makes no use of --gate: leave --gate out, or choose"),
+        ("inspect a.csv b.csv --barometer p.csv", "--barometer is of one recording: give the 2 one by one."),
+        ("stream a.csv --mount pocket --lag 60", "--lag is for --mount foot: leave --lag out."),
+        ("stream a.csv --mount pocket --gate aiez", "--gate is for --mount foot or feet: leave --gate out."),
+        ("stream a.csv --mount pocket --fixes good.fixes", "--fixes is for --mount foot"),
+        ("stream a.csv --step-constant 0.8", "--step-constant is for --mount pocket: add that, or leave"),
+        ("stream WALK --mount pocket --step-constant 5", "no person's"),
+        ("stream a.csv --lag 60 --polish", "--polish"),
+        ("stream a.csv --silence 0", "--silence"),
+        ("stream a.csv --heading nan", "nan"),
+        ("stream a.csv --resume", "--record"),
+        ("stream a.csv --columns t,ax", "--columns lacks"),
+        ("stream no-such-file", "no-such-file"),
+        ("stream WALK --fixes no.csv", "no.csv"),
+        ("stream ftp://here:1", "ftp://here:1"),
+        ("stream tcp://127.0.0.1", "tcp://127.0.0.1"),
+        ("stream tcp://no.such.host.invalid:1", "no.such.host.invalid"),
+        ("stream udp://:99999", "udp://:99999"),
+        ("stream udp://:1 --speed 2", "--speed"),
+        ("stream a.csv --mount feet", "takes two sources"),
+        ("stream a.csv a.csv --mount feet", "is named twice"),
+        ("stream a.csv b.csv --mount feet --lag 60", "--lag is for --mount foot"),
+        ("stream a.csv b.csv --mount feet --record r.csv", "--record is for --mount foot"),
+        ("stream a.csv b.csv --mount feet --calibration one.json", "--calibration A,B"),
+        ("run a.csv --clock-offset 1", "is for --mount feet: add that"),
+        ("run a.csv b.csv --mount feet --fixes f.csv", "--fixes"),
+        ("run a.csv b.csv --mount feet --truth t.tum", "A,B"),
+        ("run a.csv b.csv --mount feet --method iez", "one of smoother, inertial"),
+        ("run a.csv --places p --no-mag", "--no-mag"),
+        ("run a.csv b.csv --save-places two", "--save-places is of one recording"),
+        ("run a.csv --mag-axes=y,x,z --no-mag", "--mag-axes"),
+        ("stream a.csv b.csv", "a second source is for --mount feet: add that, or leave a second source out."),
+        # choices
+        ("run WALK --method magic", "no method 'magic'"),
+        ("compare WALK --methods iez,,smoother", "no method ''"),
+        ("run WALK --format magic", "magic"),
+        ("run WALK --truth nowhere.tum", "nowhere.tum"),
+        ("run WALK --method iez --truth late.tum", "share no time"),
+        ("run WALK --out taken", "taken is a file"),
+        ("run WALK --force", "--out"),
+        ("run .", "fg-nav: "),
+        ("run truth.tum", "truth.tum"),
+        ("run WALK --method iez --preset magic", "no preset 'magic'"),
+        ("run WALK --method aiez --no-mag", "aiez needs a magnetometer"),
+        ("run WALK --gate magic", "no gate 'magic'"),
+        ("run WALK --mag-axes=x,y", "'x,y' names no axes"),
+        ("run WALK --columns acc=1:2", "three columns"),
+        ("run WALK BARE --truth truth.tum", "one by one"),
+        # fixes, places, calibrations
+        ("run WALK --fixes bad.fixes", "line 2 has no sigma above zero"),
+        ("run WALK --fixes late.fixes", "1000.00 s is outside the walk"),
+        ("run WALK --fixes none.csv", "none.csv does not exist"),
+        ("run WALK --method iez --fixes good.fixes", "iez makes no use of fixes"),
+        ("run WALK --places none", "none does not exist"),
+        ("run BARE --save-places bare.places", "there is no magnetometer"),
+        ("run WALK --calibration cut.json", "cut.json"),
+        ("run WALK --calibration foreign.json", "foreign.json"),
+        ("run WALK --calibration none.json", "none.json"),
+        # fields that cannot be looked at
+        ("detect BARE --out out", "no magnetometer"),
+        ("detect SLOW --out out", "10 Hz"),
+        ("detect WALK --gate magic", f"no gate 'magic' | {DEFAULT}"),
+        ("detect WALK --place nowhere", "nowhere"),
+        ("detect WALK --heading nan", "nan"),
+        (f"detect WALK --gate {SAMPLEWISE} --truth truth.tum", "--truth | no map"),
+        ("detect WALK --truth nowhere.tum", "nowhere.tum"),
+        # what cannot be calibrated
+        ("calibrate BARE --method walk --out c.json", "no magnetometer"),
+        ("calibrate STRAIGHT --out c.json", "walk"),
+        ("calibrate WALK --method magic --out c.json", f"no method 'magic' | {' | '.join(METHODS)}"),
+        ("calibrate STRAIGHT --strength 48 --out c.json", "'walk' | strength | ellipsoid"),
+        ("calibrate TUMBLED --strength nan --out c.json", "nan"),
+        ("calibrate TUMBLED --strength 48 --place 48,11,2025-01-01 --out c.json", "--strength | --place"),
+        ("calibrate TUMBLED --place moon --out c.json", "moon"),
+        ("calibrate nothing.csv --out c.json", "nothing.csv"),
+        # two feet
+        ("run WALK MIRRORED --mount feet", "mirrored.csv: "),
+        ("run WALK BARE WALK --mount feet", "takes two recordings | 3 of them"),
+        ("run WALK --mount feet", "takes two recordings | --sensor A,B"),
+        ("run WALK WALK --mount feet", "takes two recordings | one twice"),
+        ("run WALK BARE --mount feet --truth no.tum,nothing.tum", "no.tum"),
+        # conversions
+        ("convert WALK out.xlsx", "out.xlsx | .csv, .csv.gz, .parquet"),
+        ("convert WALK WALK --force", "is the file to read"),
+        ("convert none.csv out.csv", "does not exist"),
+        ("inspect WALK --columns acc=1:2:3[g],gyr=4:5:6[deg/s] --format xio", "--columns maps a table"),
+        # simulations
+        ("simulate nowhere", "no scenario 'nowhere'"),
+        ("simulate nowhere.toml", "nowhere.toml"),
+        ("simulate demo --sensor sextant", "no sensor 'sextant'"),
+        ("simulate demo --field swampy", "no field 'swampy'"),
+        ("simulate demo --site atlantis", "no site"),
+        ("simulate demo --rate -5", "rate_hz"),
+        ("simulate demo --turn inf", "turned"),
+        ("simulate demo --worn pocket --both-feet", "'pocket' has none opposite"),
+        # files that are no recordings
+        *((f"{verb} {word}", name) for verb in ("inspect", "run", "compare") for word, name in NO_RECORDINGS.items()),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(fg_nav: FgNav, files: dict[str, Path], words: str, said: str) -> None:
+    Path("taken").write_text("mine")
+    ran = fg_nav(*(files.get(word, word) for word in words.split()))
+    assert ran.refused(*said.split(" | ")), ran
+    assert names(Path()) == {"taken"}
+
+
+@pytest.mark.parametrize("arguments", ["run", "run x --alignment best", "dance", "run x -q"])
+def test_commands_not_understood_exit_with_2(fg_nav: FgNav, arguments: str) -> None:
+    ran = fg_nav(*arguments.split())
+    assert ran.code == 2
+    assert "Usage" in ran.err
+    assert "Traceback" not in ran.err
+
+
+OWN_WALK = """
+like = "office"
+field = "smooth"
+[course]
+points_m = [[0, 0], [0, 12], [9, 12], [9, 0], [0, 0]]
+rest_s = 3.0
+[sensor]
+rate_hz = 100.0
+[sensor.gyr]
+noise_density = 2e-4
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("[0, 12], [9, 12]", "[0, 12], [0, 12]", ["yard.toml"]),
+        ("[[0, 0], [0, 12], [9, 12], [9, 0], [0, 0]]", "[[0, 0]]", ["point"]),
+        ("2e-4", "-2e-4", ["noise_density"]),
+        ("noise_density", "noisiness", ["no parameter 'noisiness'"]),
+        ('"smooth"', '"swampy"', ["no field 'swampy'"]),
+        ("rate_hz = 100.0", 'rate_hz = "fast"', ["sensor.rate_hz", "fast"]),
+        ("[course]", "[curse]", ["course"]),
+        ("like =", "like", ["no TOML"]),
+        ("rest_s = 3.0", "rest_s = -3.0", ["-3"]),
+        ("rest_s = 3.0", "strides = 9.0", ["strides", "9.0"]),
+        ("[9, 0], [0, 0]]", "[9, 0]]\nlaps = 2", ["laps", "closed"]),
+        ('"office"', "[1]", ["like", "[1]"]),
+        ('field = "smooth"', "magnets = [[1, 2]]", ["magnets"]),
+    ],
+)
+def test_a_scenario_that_cannot_be_is_refused(fg_nav: FgNav, old: str, new: str, words: list[str]) -> None:
+    assert old in OWN_WALK
+    Path("yard.toml").write_text(OWN_WALK.replace(old, new))
+    assert fg_nav("simulate", "yard.toml", "--out", "yard").refused("yard.toml", *words)
+    assert not Path("yard").exists()
