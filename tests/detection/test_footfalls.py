@@ -14,9 +14,8 @@ from fg_nav.detection.footfalls import MANY, integrate_both_ways, start_at_rest
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.lab.simulation.motion import Style
-from fg_nav.lab.simulation.mount import Mount
 from fg_nav.lab.simulation.path import straight
-from fg_nav.lab.simulation.person import Person
+from fg_nav.lab.simulation.person import Mount, Person
 from fg_nav.lab.simulation.plan import Stand, Walk
 from fg_nav.mechanisation import TILT_TIME_S
 from tests.simulated import WALKERS, SimulatedFoot, corridor, mounted, simulated, straight_walk

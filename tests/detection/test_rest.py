@@ -13,9 +13,8 @@ from fg_nav.detection.rest import find_start
 from fg_nav.detection.stance import Stances
 from fg_nav.frames import GRAVITY_M_S2, compute_heading
 from fg_nav.lab.simulation.motion import Style
-from fg_nav.lab.simulation.mount import Mount
 from fg_nav.lab.simulation.path import straight
-from fg_nav.lab.simulation.person import Person
+from fg_nav.lab.simulation.person import Mount, Person
 from fg_nav.lab.simulation.plan import Stand, Walk
 from fg_nav.recording import Recording
 from tests.simulated import WALKERS, mounted, simulated, straight_walk

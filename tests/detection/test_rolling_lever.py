@@ -12,8 +12,7 @@ from fg_nav.detection.rest import estimate_lever
 from fg_nav.detection.stance import Stances
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation.motion import Ramps
-from fg_nav.lab.simulation.mount import INSTEP, Mount
-from fg_nav.lab.simulation.person import Person
+from fg_nav.lab.simulation.person import INSTEP, Mount, Person
 from fg_nav.recording import Recording
 from tests.simulated import FIRM, PERSON, QUIET, RIGID, mounted, straight_walk, turning_foot
 

@@ -11,8 +11,7 @@ from fg_nav.detection.stance import ACC_NOISE_M_S2, GYR_NOISE_DEG_S, STATISTICS
 from fg_nav.errors import DetectionError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation.motion import Style
-from fg_nav.lab.simulation.mount import Mount
-from fg_nav.lab.simulation.person import Person
+from fg_nav.lab.simulation.person import Mount, Person
 from fg_nav.recording import Recording
 from tests.simulated import WALKERS, straight_walk
 

@@ -11,7 +11,7 @@ import pytest
 from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
 from fg_nav.io import read
-from fg_nav.lab.simulation.mount import INSTEP
+from fg_nav.lab.simulation.person import INSTEP
 from fg_nav.lab.simulation.routes import stairs
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import OnlineOptions, rows_of

@@ -14,8 +14,7 @@ from fg_nav.detection import RestParameters, detect_stances
 from fg_nav.errors import EstimationError
 from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.lab.simulation import simulate
-from fg_nav.lab.simulation.fields import magnet
-from fg_nav.lab.simulation.fields.sources import Dipoles
+from fg_nav.lab.simulation.fields import Dipoles, magnet
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.magnetic.detectors import DISTURBED, NO_FIELD, QUASI_STATIC, UNKNOWN, find_gate
 from fg_nav.recording import Recording

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -171,73 +171,52 @@ def _offset_gyro(name: str, bias_deg_s: float, spread_deg_s: float) -> SensorPri
     return replace(prior, gyr=replace(prior.gyr, bias=(0.0, 0.0, bias), bias_sd=float(np.deg2rad(spread_deg_s))))
 
 
-_MA, _ZHANG, _MUNOZ_DIAZ = "mpu-9250x8", "xsens-mtw", "munoz-diaz-table-2"
+_MA, _ZHANG, _MUNOZ_DIAZ, _LORD = "mpu-9250x8", "xsens-mtw", "munoz-diaz-table-2", "lord-gx5-900"
+_SLOW = _offset_gyro("xsens-mtw", 0.25, 0.05)
+
+_ROUTES: tuple[tuple[str, Route, Worn, str | SensorPrior, str, str], ...] = (
+    ("office", routes.office, "heel", _MA, "indoor",
+     "three equal loops through office corridors, 1018 m, 786 strides (Ma 2018)"),
+    ("office-open", routes.office_open, "heel", _MA, "indoor",
+     "as long as the office, ending far from the start: shows scale errors"),
+    ("mall", routes.mall, "heel", _MA, "indoor",
+     "three winding laps past 14 landmarks, 2480 m, 1920 strides (Ma 2018)"),
+    ("mall-open", routes.mall_open, "heel", _MA, "indoor",
+     "as long as the mall, past 42 landmarks, ending far from the start"),
+    ("teaching-building", _ignore_rng(routes.teaching_building), "heel", _ZHANG, "indoor",
+     "three cycles, 515.5 m in 7 minutes (Zhang, AIEZ)"),
+    ("magnet-corridor", routes.magnet_corridor, "heel", _ZHANG, "smooth",
+     "a corridor to and fro past a magnet on the floor (Zhang, AIEZ)"),
+    ("calibration-loop", _ignore_rng(routes.calibration_loop), "heel", _MA, "homogeneous",
+     "circles to the right and to the left, to calibrate a magnetometer (Ma 2018)"),
+    ("pocket-street", routes.pocket_street, "pocket", _MUNOZ_DIAZ, "homogeneous",
+     "three round trips in a street, 3 km in 39 minutes, in the pocket (Munoz Diaz 2017)"),
+    ("pocket-past-cars", routes.past_cars, "pocket", _MUNOZ_DIAZ, "past-cars",
+     "the same street at the equator, past cars at 16 and 32 min, lamps at 24 and 35"),
+    ("pocket-long", routes.pocket_long, "pocket", "xsens-mtw", "homogeneous",
+     "twelve round trips of 360 m in 44 minutes, in the pocket (Munoz Diaz 2017)"),
+    ("stairs", _ignore_rng(routes.stairs), "instep", _LORD, "indoor",
+     "two flights up, a corridor, and down again"),
+    ("mixed-gait", _ignore_rng(routes.mixed_gait), "instep", _LORD, "indoor",
+     "slow, usual and fast walking, running, standing and turning on the spot"),
+    ("demo", _ignore_rng(routes.demo), "instep", _LORD, "indoor",
+     "one minute round an L-shaped corridor"),
+    ("building-loop", _ignore_rng(routes.building_loop), "heel", _SLOW, "indoor",
+     "350 m round a floor in 4 minutes, gyroscope 0.25 deg/s off, which no rest shows"),
+    ("at-rest", _ignore_rng(routes.at_rest), "table", "xsens-mtw", "homogeneous",
+     "an hour on a table, for an Allan deviation"),
+)  # fmt: skip
+
+_SPECIAL: Mapping[str, dict[str, Any]] = {
+    "magnet-corridor": {"magnets": (routes.MAGNET_POSITION,)},
+    "pocket-past-cars": {"site": "equator", "aligned": True},
+    "building-loop": {"rests": "none"},
+}
 
 SCENARIOS: Mapping[str, Scenario] = {
-    s.name: s
-    for s in (
-        Scenario(
-            "office", "three equal loops through office corridors, 1018 m, 786 strides (Ma 2018)",
-            routes.office, "heel", _MA,
-        ),
-        Scenario(
-            "office-open", "as long as the office, ending far from the start: shows scale errors",
-            routes.office_open, "heel", _MA,
-        ),
-        Scenario(
-            "mall", "three winding laps past 14 landmarks, 2480 m, 1920 strides (Ma 2018)",
-            routes.mall, "heel", _MA,
-        ),
-        Scenario(
-            "mall-open", "as long as the mall, past 42 landmarks, ending far from the start",
-            routes.mall_open, "heel", _MA,
-        ),
-        Scenario(
-            "teaching-building", "three cycles, 515.5 m in 7 minutes (Zhang, AIEZ)",
-            _ignore_rng(routes.teaching_building), "heel", _ZHANG,
-        ),
-        Scenario(
-            "magnet-corridor", "a corridor to and fro past a magnet on the floor (Zhang, AIEZ)",
-            routes.magnet_corridor, "heel", _ZHANG, field="smooth", magnets=(routes.MAGNET_POSITION,),
-        ),
-        Scenario(
-            "calibration-loop", "circles to the right and to the left, to calibrate a magnetometer (Ma 2018)",
-            _ignore_rng(routes.calibration_loop), "heel", _MA, field="homogeneous",
-        ),
-        Scenario(
-            "pocket-street", "three round trips in a street, 3 km in 39 minutes, in the pocket (Munoz Diaz 2017)",
-            routes.pocket_street, "pocket", _MUNOZ_DIAZ, field="homogeneous",
-        ),
-        Scenario(
-            "pocket-past-cars", "the same street at the equator, past cars at 16 and 32 min, lamps at 24 and 35",
-            routes.past_cars, "pocket", _MUNOZ_DIAZ, site="equator", field="past-cars", aligned=True,
-        ),
-        Scenario(
-            "pocket-long", "twelve round trips of 360 m in 44 minutes, in the pocket (Munoz Diaz 2017)",
-            routes.pocket_long, "pocket", "xsens-mtw", field="homogeneous",
-        ),
-        Scenario(
-            "stairs", "two flights up, a corridor, and down again",
-            _ignore_rng(routes.stairs), "instep", "lord-gx5-900",
-        ),
-        Scenario(
-            "mixed-gait", "slow, usual and fast walking, running, standing and turning on the spot",
-            _ignore_rng(routes.mixed_gait), "instep", "lord-gx5-900",
-        ),
-        Scenario(
-            "demo", "one minute round an L-shaped corridor",
-            _ignore_rng(routes.demo), "instep", "lord-gx5-900",
-        ),
-        Scenario(
-            "building-loop", "350 m round a floor in 4 minutes, gyroscope 0.25 deg/s off, which no rest shows",
-            _ignore_rng(routes.building_loop), "heel", _offset_gyro("xsens-mtw", 0.25, 0.05), rests="none",
-        ),
-        Scenario(
-            "at-rest", "an hour on a table, for an Allan deviation",
-            _ignore_rng(routes.at_rest), "table", "xsens-mtw", field="homogeneous",
-        ),
-    )
-}  # fmt: skip
+    name: Scenario(name, summary, route, worn, sensor, field=field, **_SPECIAL.get(name, {}))
+    for name, route, worn, sensor, field, summary in _ROUTES
+}
 """All scenarios by name."""
 
 

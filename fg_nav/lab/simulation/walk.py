@@ -19,11 +19,12 @@ deviation.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Bools, Floats, Ints
@@ -32,9 +33,8 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation.fields import Field, Homogeneous, find_earth_field
 from fg_nav.lab.simulation.foot import FootMotion, build_foot_motion
 from fg_nav.lab.simulation.motion import Kinematics, Motion, Strides
-from fg_nav.lab.simulation.mount import Mount, find_mount
 from fg_nav.lab.simulation.path import Pose
-from fg_nav.lab.simulation.person import Person
+from fg_nav.lab.simulation.person import MOUNTS, Mount, Person
 from fg_nav.lab.simulation.plan import Crossing, Section, Stand, WalkPlan, plan_walk
 from fg_nav.lab.simulation.routes import remove_rests
 from fg_nav.lab.simulation.scenarios import Choices, Scenario, draw_surroundings, scenario
@@ -234,21 +234,36 @@ def record_walk(
     outing: Outing, carried: Carried, origin: Floats | None = None, progress: Progress = say_nothing
 ) -> SimulatedWalk:
     """What a sensor records; the truth's `origin` (3,) m in the course's frame is where it first is, or as given."""
-    run = carried.sensor.switch_on(carried.streams.of_this_walk("switched on"))
-    count = _count_samples(carried.strides.end_s, run.sensor.prior.rate_hz)
-    rows = _Rows.join_blocks(_measure_blocks(run, carried.motion, outing.field, count, progress), count)
-    origin = rows.position[0].copy() if origin is None else origin
-    clock_rate, seed = _clock_rate(run), outing.streams.seed
+    run, strides = carried.sensor.switch_on(carried.streams.of_this_walk("switched on")), carried.strides
+    rows = _measure_blocks(run, carried.motion, outing.field, strides.end_s, progress)
+    position = rows["position"]
+    origin = position[0].copy() if origin is None else origin
+    position -= origin
+    name, seed = outing.scenario.name, outing.streams.seed
+    provenance = Provenance(format="simulated", notes=(f"simulated: {name}, seed {seed}",))
+    # the truth is on the recording's clock, but without the delay of the stamps
+    truth = TrajectoryTruth(rows["taken"], position, rows["nav_R_body"])
+    clock_rate = 1.0 + run.sensor.clock_scale_error
+    seconds = np.arange(0.0, strides.end_s)
+    biases = run.biases_at(seconds)
     return SimulatedWalk(
         scenario=outing.scenario,
         choices=outing.choices,
         seed=seed,
-        recording=rows.recording(origin, f"{outing.scenario.name}, seed {seed}"),
-        fresh=rows.fresh,
-        biases=_sample_biases(run, carried.strides.end_s),
-        strides=_convert_clock(carried.strides, clock_rate),
+        recording=Recording(rows["t"], rows["acc"], rows["gyr"], rows.get("mag"), truth, provenance),
+        fresh=rows.get("fresh"),
+        biases=BiasTruth(seconds * clock_rate, biases.gyr, biases.acc),
+        strides=replace(
+            strides,
+            start=strides.start * clock_rate,
+            duration=strides.duration * clock_rate,
+            end_s=strides.end_s * clock_rate,
+        ),
         flat=None if carried.flat is None else carried.flat * clock_rate,
-        landmarks=_locate_landmarks(carried.crossings, carried.motion, origin, clock_rate),
+        landmarks=tuple(
+            Passing(c.landmark, c.time_s * clock_rate, carried.motion.at(np.array([c.time_s])).position[0] - origin)
+            for c in carried.crossings
+        ),
         field=outing.field,
         earth=outing.earth,
         origin=origin,
@@ -257,15 +272,11 @@ def record_walk(
     )
 
 
-def _count_samples(end_s: float, rate_hz: float) -> int:
-    return int(end_s * rate_hz)
-
-
 def _check_size(end_s: float, rate_hz: float) -> None:
     size = f"{end_s / 60:.1f} minutes at {rate_hz:g} Hz are {end_s * rate_hz:.2g} samples"
     if not end_s * rate_hz <= MAX_SAMPLES:
         raise SimulationError(f"{size}: make the walk shorter or the rate lower, for at most {MAX_SAMPLES}.")
-    if _count_samples(end_s, rate_hz) < MIN_SAMPLES:
+    if int(end_s * rate_hz) < MIN_SAMPLES:
         raise SimulationError(f"{size}: make the walk longer or the rate higher, for at least {MIN_SAMPLES}.")
 
 
@@ -285,7 +296,7 @@ def _make_motion(outing: Outing) -> tuple[Motion, Floats | None]:
     if chosen.worn == "pocket":
         pocket = Pocket(tilt_rad=0.0) if chosen.aligned else Pocket()
         return build_thigh_motion(strides, pocket, streams.of_this_walk("leg"), streams.lasting("leg")), None
-    foot = build_foot(chosen, strides, outing.person, find_mount(chosen.worn), streams)
+    foot = build_foot(chosen, strides, outing.person, MOUNTS[chosen.worn], streams)
     return foot, foot.flat
 
 
@@ -295,92 +306,31 @@ def build_foot(chosen: Scenario, strides: Strides, person: Person, mount: Mount,
     return build_foot_motion(strides, person, drawn, streams.of_this_walk("foot"), chosen.rests != "still")
 
 
-@dataclass(frozen=True)
-class _Rows:
-    """Samples that arrived, M, with the true pose at each; `taken` is when they were, without delay."""
-
-    t: Floats
-    taken: Floats
-    acc: Floats
-    gyr: Floats
-    mag: Floats | None
-    fresh: Bools | None
-    position: Floats
-    nav_R_body: Floats
-
-    @classmethod
-    def join_blocks(cls, blocks: Iterable[_Rows], most: int) -> _Rows:
-        """One block after the other, `most` rows at most: each is put in its place, so that none is held twice."""
-        columns: list[Any] = []
-        count = 0
-        for block in blocks:
-            parts = [getattr(block, item.name) for item in fields(cls)]
-            columns = columns or [_allocate(part, most) for part in parts]
-            for column, part in zip(columns, parts, strict=True):
-                if column is not None:
-                    column[count : count + len(part)] = part
-            count += len(block.t)
-        trimmed: list[Any] = [None if column is None else column[:count] for column in columns]
-        return cls(*trimmed)
-
-    def recording(self, origin: Floats, name: str) -> Recording:
-        """The recording, its truth on the same clock but without the delay of the stamps; moves `position`."""
-        self.position[:] -= origin
-        truth = TrajectoryTruth(self.taken, self.position, self.nav_R_body)
-        provenance = Provenance(format="simulated", notes=(f"simulated: {name}",))
-        return Recording(self.t, self.acc, self.gyr, self.mag, truth, provenance)
-
-
-def _allocate(part: Floats | Bools | None, count: int) -> Floats | Bools | None:
-    """An array for so many rows like those of `part`; the system gives memory for what is written only."""
-    return None if part is None else np.empty((count, *part.shape[1:]), dtype=part.dtype)
-
-
-def _measure_blocks(run: SensorRun, motion: Motion, field: Field, count: int, progress: Progress) -> Iterator[_Rows]:
-    """So many samples of what the sensor records of a motion, block after block."""
+def _measure_blocks(
+    run: SensorRun, motion: Motion, field: Field, end_s: float, progress: Progress
+) -> dict[str, npt.NDArray[Any]]:
+    """Columns of what the sensor records of a motion, block after block, with the true pose at each sample."""
     period_s = run.sensor.prior.period_s
+    count = int(end_s * run.sensor.prior.rate_hz)
+    columns: dict[str, list[npt.NDArray[Any]]] = {}
     for begin in range(0, count, BLOCK):
         t = np.arange(begin, min(begin + BLOCK, count), dtype=np.float64) * period_s
         state = motion.at(t)
-        rate, force = motion.sampled(t, period_s)
-        samples = run.measure(t, rate, force, lambda instants: _rotate_field(motion.at(instants), field))
+        samples = run.measure(
+            t, *motion.sampled(t, period_s), lambda instants: _rotate_field(motion.at(instants), field)
+        )
+        parts = {name: getattr(samples, name) for name in ("t", "taken", "acc", "gyr", "mag", "fresh")}
+        parts |= {"position": state.position[samples.row], "nav_R_body": state.nav_R_body[samples.row]}
+        for name, part in parts.items():
+            if part is not None:
+                columns.setdefault(name, []).append(part)
         progress((begin + len(t)) / count)
-        yield _Rows(
-            samples.t, samples.taken, samples.acc, samples.gyr, samples.mag, samples.fresh,
-            state.position[samples.row], state.nav_R_body[samples.row],
-        )  # fmt: skip
+    return {name: np.concatenate(columns.pop(name)) for name in tuple(columns)}
 
 
 def _rotate_field(state: Kinematics, field: Field) -> Floats:
     turned: Floats = np.einsum("nji,nj->ni", state.nav_R_body, field.at(state.position))
     return turned
-
-
-def _clock_rate(run: SensorRun) -> float:
-    """Seconds of the recording's clock in a true second."""
-    return 1.0 + run.sensor.clock.scale_error
-
-
-def _convert_clock(strides: Strides, clock_rate: float) -> Strides:
-    """The same strides, by a clock of this rate."""
-    start, duration = strides.start * clock_rate, strides.duration * clock_rate
-    return replace(strides, start=start, duration=duration, end_s=strides.end_s * clock_rate)
-
-
-def _sample_biases(run: SensorRun, end_s: float) -> BiasTruth:
-    t = np.arange(0.0, end_s)
-    biases = run.biases_at(t)
-    return BiasTruth(t * _clock_rate(run), biases.gyr, biases.acc)
-
-
-def _locate_landmarks(
-    crossings: Sequence[Crossing], motion: Motion, origin: Floats, clock_rate: float
-) -> tuple[Passing, ...]:
-    if not crossings:
-        return ()
-    t = np.array([crossing.time_s for crossing in crossings])
-    place = motion.at(t).position - origin
-    return tuple(Passing(c.landmark, float(s), p) for c, s, p in zip(crossings, t * clock_rate, place, strict=True))
 
 
 TABLE_TILT_RAD = 0.01  # About each axis, standard deviation: tables and cases are level to half a degree (assumed).

@@ -5,14 +5,14 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from fg_nav.lab.simulation.left_foot import draw_step_width, plan_left_foot
+from fg_nav.lab.simulation.mount import MOUNTS
 
 from fg_nav.errors import SimulationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation import SCENARIOS, Choices, Person, simulate, simulate_feet
 from fg_nav.lab.simulation.feet import SimulatedFeet
-from fg_nav.lab.simulation.left_foot import draw_step_width, plan_left_foot
 from fg_nav.lab.simulation.motion import Style
-from fg_nav.lab.simulation.mount import MOUNTS
 from fg_nav.lab.simulation.path import polyline, straight
 from fg_nav.lab.simulation.person import Scatter
 from fg_nav.lab.simulation.plan import Stairs, Stand, TurnOnSpot, Walk, plan_walk
