@@ -69,22 +69,14 @@ _RANK = np.array([0, 1, 3, 4, 2])
 
 
 class _Stops(NamedTuple):
-    """Where the left foot stands, S stops in order.
+    """Where the left foot stands, S stops in order."""
 
-    Attributes
-    ----------
-    position, heading : (S, 3) m and (S,) rad of the body's center that belongs to each.
-    number : (S,) strides of the right foot until there, whole or not.
-    arrives, leaves : (S,) s, when the stride to it ends and the one from it begins.
-    style : (S,) of `Style`, of the right foot's stride.
-    """
-
-    position: Floats
+    position: Floats  # (S, 3) m and (S,) rad of the body's center that belongs to each.
     heading: Floats
-    number: Floats
-    arrives: Floats
+    number: Floats  # (S,) strides of the right foot until there, whole or not.
+    arrives: Floats  # (S,) s, when the stride to it ends and the one from it begins.
     leaves: Floats
-    style: Ints
+    style: Ints  # (S,) of `Style`, of the right foot's stride.
 
 
 def draw_step_width(rng: np.random.Generator) -> float:
@@ -149,19 +141,12 @@ def _stop_standing(plan: WalkPlan) -> _Stops:
 
 @dataclass(frozen=True)
 class SimulatedFeet:
-    """Two recordings of one walk, and everything that is true about them.
+    """Two recordings of one walk, and everything that is true about them."""
 
-    Attributes
-    ----------
-    left, right : of each foot; the crossings of landmarks are the right one's.
-    motions : of the left and of the right foot, by true time in the course's frame.
-    step_width_m : how far apart the feet tread, in the mean of this person.
-    """
-
-    left: SimulatedWalk
+    left: SimulatedWalk  # Of each foot; the crossings of landmarks are the right one's.
     right: SimulatedWalk
-    motions: tuple[FootMotion, FootMotion]
-    step_width_m: float
+    motions: tuple[FootMotion, FootMotion]  # Of the left and of the right foot, by true time in the course's frame.
+    step_width_m: float  # How far apart the feet tread, in the mean of this person.
 
     @property
     def sides(self) -> Mapping[str, SimulatedWalk]:

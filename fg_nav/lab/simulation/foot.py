@@ -140,22 +140,18 @@ class FootMotion:
 
     Attributes
     ----------
-    east, north, up : of the pivot, m.
-    roll, pitch, yaw : of the foot, rad.
-    lever_m : (3,) from the pivot to the sensor, foot frame.
-    foot_R_body : (3, 3).
     flat : (K + 1, 2) s, the truth of stance: from when the last ramp of landing has ended to when the first of the next
         push begins. In between the loaded foot rolls on by degrees a second, sinks and slips.
     """
 
-    east: Ramps
+    east: Ramps  # Of the pivot, m.
     north: Ramps
     up: Ramps
-    roll: Ramps
+    roll: Ramps  # Of the foot, rad.
     pitch: Ramps
     yaw: Ramps
-    lever_m: Floats
-    foot_R_body: Floats
+    lever_m: Floats  # (3,) from the pivot to the sensor, foot frame.
+    foot_R_body: Floats  # (3, 3).
     flat: Floats
 
     def at(self, t: Floats) -> Kinematics:
@@ -189,23 +185,14 @@ def join_moves(moves: Sequence[Moves]) -> Moves:
 
 @dataclass(frozen=True)
 class Steps:
-    """Strides as a person makes them.
+    """Strides as a person makes them."""
 
-    Attributes
-    ----------
-    strides, person : whose.
-    swing_s : (K,) s from heel-off to foot-flat, the scale of all phases; some reach a little beyond (`flat`).
-    vigour : (K,) of angles and heights, in those of the gait.
-    turning : (K,) of what the foot turns in stance, in that of the gait.
-    slip, moved_on : in the stance after each stride, (K, 2) m in nav.
-    """
-
-    strides: Strides
+    strides: Strides  # Whose.
     person: Person
-    swing_s: Floats
-    vigour: Floats
-    turning: Floats
-    slip: Floats
+    swing_s: Floats  # (K,) s from heel-off to foot-flat, the scale of all phases; some reach a little beyond (`flat`).
+    vigour: Floats  # (K,) of angles and heights, in those of the gait.
+    turning: Floats  # (K,) of what the foot turns in stance, in that of the gait.
+    slip: Floats  # In the stance after each stride, (K, 2) m in nav.
     moved_on: Floats
 
     def __len__(self) -> int:
@@ -252,17 +239,10 @@ class Steps:
 def build_foot_motion(
     strides: Strides, person: Person, mount: Mount, rng: np.random.Generator, restless: bool = False
 ) -> FootMotion:
-    """Motion of a sensor on the foot that makes these strides.
+    """Motion of a sensor on the foot that makes these strides; a restless one rocks in standing as it walks.
 
-    Parameters
-    ----------
-    strides : when and where to.
-    person : how.
-    mount : where the sensor sits; drawn here where it still has scatter.
-    rng : draws what varies from stride to stride.
-    restless : the foot rocks in standing as it walks, wherever the sensor is.
-
-    Raises `SimulationError` if strides overlap, last no time, or are not finite.
+    The mount is drawn here where it still has scatter. Raises `SimulationError` if strides overlap, last no time, or
+    are not finite.
     """
     drawn = mount.draw(rng)
     steps = draw_steps(strides, person, drawn.unrest, rng)

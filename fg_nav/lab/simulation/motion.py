@@ -57,20 +57,17 @@ class Strides:
 
     Attributes
     ----------
-    start, duration : (K,) s; a stride lasts from the beginning of its swing (heel-off) to the end of the stance
-        after it, so that start[k] + duration[k] <= start[k + 1]; the rest is standing.
+    start, duration : (K,) s; a stride lasts from the beginning of its swing (heel-off) to the end of the stance after
+        it, so that start[k] + duration[k] <= start[k + 1]; the rest is standing.
     footprint : (K + 1, 3) m, where the foot stands before stride 0 and after each; z is the height of the floor.
-    heading : (K + 1,) rad clockwise from north, of the foot at each footprint; unwrapped.
-    style : (K,) of `Style`.
-    end_s : when the recording ends; the foot stands from the last stride's end to then.
     """
 
     start: Floats
     duration: Floats
     footprint: Floats
-    heading: Floats
-    style: Ints
-    end_s: float
+    heading: Floats  # (K + 1,) rad clockwise from north, of the foot at each footprint; unwrapped.
+    style: Ints  # (K,) of `Style`.
+    end_s: float  # When the recording ends; the foot stands from the last stride's end to then.
 
     def __len__(self) -> int:
         return len(self.start)
@@ -172,7 +169,9 @@ class Ramps:
 
     def at(self, t: Floats) -> Floats:
         """Value, first and second derivative by time (3, N) at rising `t` (N,) s."""
-        check_rising(t)
+        if len(t) > 1 and not (t[1:] >= t[:-1]).all():
+            late = int(np.argmin(t[1:] >= t[:-1])) + 1
+            raise SimulationError(f"instant {late} ({t[late]:.3f} s) is before the one ahead of it: sort the instants.")
         return np.asarray(_ramps_at(t, self.start, self.width, self.rise, self._done, self._over))
 
     @cached_property
@@ -184,13 +183,6 @@ class Ramps:
     def _over(self) -> Floats:
         """When each and all before it are over (M,): they differ in width, so later ones may end first."""
         return np.maximum.accumulate(self.start + self.width)
-
-
-def check_rising(t: Floats) -> None:
-    """Raise `SimulationError` where the instants `t` (N,) do not rise."""
-    if len(t) > 1 and not (t[1:] >= t[:-1]).all():
-        late = int(np.argmin(t[1:] >= t[:-1])) + 1
-        raise SimulationError(f"instant {late} ({t[late]:.3f} s) is before the one ahead of it: sort the instants.")
 
 
 @njit(cache=True)

@@ -69,20 +69,13 @@ class Landmark:
 class Path:
     """A curve over the ground.
 
-    Attributes
-    ----------
-    arc : (M,) m, rising from 0.
-    position : (M, 3) m.
-    heading : (M,) rad clockwise from north, unwrapped: the direction of the tangent.
-    landmarks : marked places.
-
     Raises `SimulationError` for knots that are not finite, fewer than two, not rising, or a landmark off the path.
     """
 
-    arc: Floats
-    position: Floats
-    heading: Floats
-    landmarks: tuple[Landmark, ...] = ()
+    arc: Floats  # (M,) m, rising from 0.
+    position: Floats  # (M, 3) m.
+    heading: Floats  # (M,) rad clockwise from north, unwrapped: the direction of the tangent.
+    landmarks: tuple[Landmark, ...] = ()  # Marked places.
 
     def __post_init__(self) -> None:
         if not all(np.isfinite(values).all() for values in (self.arc, self.position, self.heading)):

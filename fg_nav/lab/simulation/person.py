@@ -21,7 +21,6 @@ from pydantic import Field
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats
-from fg_nav.errors import SimulationError
 from fg_nav.lab.simulation.checks import Checked, Finite, NotNegative, Positive, Share, Spread, Triple
 from fg_nav.lab.simulation.motion import Style
 
@@ -42,17 +41,14 @@ class Gait(Checked):
     ----------
     stride_m, stride_s : length and duration of a stride, m and s (Ma et al. 2018: 1018 m in 786 strides, 5 km/h).
     variation : coefficient of variation of length and duration, stride to stride (healthy adults: 0.02-0.03).
-    swing_share : part of a stride in which the foot is not flat, from heel-off to foot-flat (gdin).
     toe_down_rad, toe_up_rad : pitch after push-off and at heel strike, the latter upward; below zero the toe lands
         first (gdin: 53-71 and 26-35 deg).
-    inversion_rad : roll at push-off, two thirds of it again at heel strike (gdin: 5-13 deg).
     yaw_wobble_rad : turn of the toe outward and back at push-off and before heel strike (gdin: 3-15 deg).
     clearance_m, midswing_m, heel_m : height of the pivot after push-off, in mid-swing, and when the heel comes down
         (gdin: 10-15, 4-6, 8-11 cm).
     climb : shares of the swing between which the foot rises to another height of the floor.
     rollover_rad : forward pitch in mid-stance, which what is left of landing and what comes before heel-off go with
         (gdin: 5 to 15 deg/s in mid-stance and more at the ends, Vicon: 1 to 5).
-    sole_m : by how much the sole gives way under a stance (Vicon: 2 to 9 mm/s).
     slip_m, slip_sd_m : forward slip of the foot in a stance, and its scatter (tenths of mm to mm: the sole creeps under
         braking, the shoe on the foot).
     shock_m_s2, shock_rad_s : specific force and rate that the heel strike adds at its peak (gdin: peaks of 3 to 9 g,
@@ -62,27 +58,21 @@ class Gait(Checked):
     stride_m: NotNegative = 1.29
     stride_s: Positive = 0.93
     variation: Share = 0.025
-    swing_share: SwingShare = 0.62
+    swing_share: SwingShare = 0.62  # Part of a stride in which the foot is not flat, from heel-off to foot-flat (gdin).
     toe_down_rad: Angle = 60.0 * DEG
     toe_up_rad: Angle = 27.0 * DEG
-    inversion_rad: Angle = 10.0 * DEG
+    inversion_rad: Angle = 10.0 * DEG  # Roll at push-off, two thirds of it again at heel strike (gdin: 5-13 deg).
     yaw_wobble_rad: Angle = 7.0 * DEG
     clearance_m: NotNegative = 0.115
     midswing_m: NotNegative = 0.042
     heel_m: NotNegative = 0.095
     climb: tuple[Climb, Climb] = (0.15, 0.90)
     rollover_rad: Angle = 2.6 * DEG
-    sole_m: NotNegative = 0.0022
+    sole_m: NotNegative = 0.0022  # By how much the sole gives way under a stance (Vicon: 2 to 9 mm/s).
     slip_m: Finite = 0.0010
     slip_sd_m: NotNegative = 0.0010
     shock_m_s2: NotNegative = 18.0
     shock_rad_s: NotNegative = 90.0 * DEG
-
-    def __post_init__(self) -> None:
-        """Check all fields."""
-        super().__post_init__()
-        if self.climb[0] >= self.climb[1]:
-            raise SimulationError(f"climb of a Gait is {self.climb}: give two rising shares from 0 to 1.")
 
     def scaled(self, factors: Mapping[str, float], longer_swing: float) -> Gait:
         """Gait with fields times these factors, its swing longer by a share of the stride; no more than can be."""
@@ -180,15 +170,13 @@ class Person(Checked):
 
     Attributes
     ----------
-    walk, run, stairs_up, stairs_down, turn : by `Style`.
     rocking_rad_s : rms rate at which a foot that does not come to rest rocks on its sole (assumed; with what it turns
         besides, 4 to 9 deg/s in a heel).
     forward_s_m, sideways : velocity with which a foot that is walked on moves on at its stillest instant: forward by so
         much times the square of the walking speed, outward by so much of it (none; `with_moving_feet` draws them).
-    side : 1 of a right foot, -1 of a left one: what is outward, and roll and yaw, in the other sense.
     """
 
-    walk: Gait = Gait()
+    walk: Gait = Gait()  # By `Style`.
     run: Gait = _RUN
     stairs_up: Gait = _STAIRS_UP
     stairs_down: Gait = _STAIRS_DOWN
@@ -196,7 +184,7 @@ class Person(Checked):
     rocking_rad_s: NotNegative = 5.5 * DEG
     forward_s_m: Motion = 0.0
     sideways: Motion = 0.0
-    side: float = 1.0
+    side: float = 1.0  # 1 of a right foot, -1 of a left one: what is outward, and roll and yaw, in the other sense.
 
     def gait(self, style: Style) -> Gait:
         """Gait of a style."""
@@ -238,19 +226,15 @@ class Mount(Checked):
 
     Attributes
     ----------
-    lever_m, lever_sd_m : from the pivot to the sensor, foot frame, mean and scatter over mountings and feet.
     tilt_rad, tilt_sd_rad : roll, pitch and yaw of the sensor's axes in the foot frame, mean and scatter over mountings.
-    shock : strength of the gait's shock at this place, the instep being 1.
-    unrest : how much of what a foot turns in stance reaches this place, the instep being 1.
-    rocking : how much of a foot's rocking to and fro in stance reaches this place.
     """
 
-    lever_m: Triple
+    lever_m: Triple  # From the pivot to the sensor, foot frame, mean and scatter over mountings and feet.
     tilt_rad: Triple = (0.0, 0.0, 0.0)
     tilt_sd_rad: Spread = (0.0, 0.0, 0.0)
-    shock: NotNegative = 1.0
-    unrest: NotNegative = 1.0
-    rocking: NotNegative = 0.0
+    shock: NotNegative = 1.0  # Strength of the gait's shock at this place, the instep being 1.
+    unrest: NotNegative = 1.0  # How much of what a foot turns in stance reaches this place, the instep being 1.
+    rocking: NotNegative = 0.0  # How much of a foot's rocking to and fro in stance reaches this place.
     lever_sd_m: Spread = (0.0, 0.0, 0.0)
 
     def mirror(self) -> Mount:

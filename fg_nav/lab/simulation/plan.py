@@ -106,20 +106,16 @@ class Leg:
 
     Attributes
     ----------
-    along : where the center is after 0 to n strides of this leg.
-    duration : (n,) s.
-    style : of all of them.
     halves : whether the first and the last are half strides, out of standing and into it.
     marks : landmarks with the footprint of this leg (0 = where it begins) that is nearest to each.
-    wait_s : before the first stride.
     """
 
-    along: Along
-    duration: Floats
-    style: Style
+    along: Along  # Where the center is after 0 to n strides of this leg.
+    duration: Floats  # (n,) s.
+    style: Style  # Of all of them.
     halves: tuple[bool, bool] = (False, False)
     marks: tuple[tuple[str, int], ...] = ()
-    wait_s: float = 0.0
+    wait_s: float = 0.0  # Before the first stride.
 
     def __len__(self) -> int:
         return len(self.duration)
@@ -127,22 +123,13 @@ class Leg:
 
 @dataclass(frozen=True)
 class WalkPlan:
-    """A walk as planned.
+    """A walk as planned."""
 
-    Attributes
-    ----------
-    strides : of the right foot, K.
-    crossings : of the paths' landmarks, in order.
-    legs : of the sections.
-    start : of the body's center.
-    wander : (K + 1,) m, by which the center is to the right of its path at each footprint.
-    """
-
-    strides: Strides
-    crossings: tuple[Crossing, ...]
-    legs: tuple[Leg, ...]
-    start: Pose
-    wander: Floats
+    strides: Strides  # Of the right foot, K.
+    crossings: tuple[Crossing, ...]  # Of the paths' landmarks, in order.
+    legs: tuple[Leg, ...]  # Of the sections.
+    start: Pose  # Of the body's center.
+    wander: Floats  # (K + 1,) m, by which the center is to the right of its path at each footprint.
 
     @property
     def center(self) -> tuple[Floats, Floats]:

@@ -38,10 +38,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from fg_nav.errors import SimulationError
 from fg_nav.lab.simulation.checks import describe_wrong
 from fg_nav.lab.simulation.motion import Style
-from fg_nav.lab.simulation.path import Path, polyline
+from fg_nav.lab.simulation.path import polyline
 from fg_nav.lab.simulation.plan import Section, Stand, Walk
 from fg_nav.lab.simulation.scenarios import Feet, Rests, Scenario, Worn, scenario
-from fg_nav.lab.simulation.sensors import SensorPrior, read_sensor
+from fg_nav.lab.simulation.sensors import read_sensor
 from fg_nav.text import read_small
 
 SUFFIX = ".toml"
@@ -69,29 +69,21 @@ class RouteTable(BaseModel):
     run: bool = False
     strides: Annotated[int, Field(ge=1, le=MOST)] | None = None
 
-    @property
-    def is_closed(self) -> bool:
-        """Whether the path ends where it begins, and has a round to it."""
-        return len(self.points_m) > 3 and self.points_m[0] == self.points_m[-1]
-
     def make_sections(self) -> list[Section]:
-        """Rest, walk, rest."""
-        rest = Stand(self.rest_s)
-        return [rest, Walk(self._make_path(), Style.RUN if self.run else Style.WALK, self.strides, self.pace), rest]
-
-    def _make_path(self) -> Path:
-        """All laps; a closed path begins in the middle of its first leg, so that its first corner is round too."""
-        if self.laps > 1 and not self.is_closed:
-            raise SimulationError("course.laps needs a closed path: let the last of points_m be the first.")
+        """Rest, walk, rest; a closed path begins in the middle of its first leg, so that its first corner is round."""
         points = list(self.points_m)
-        if self.is_closed:
+        is_closed = len(points) > 3 and points[0] == points[-1]
+        if self.laps > 1 and not is_closed:
+            raise SimulationError("course.laps needs a closed path: let the last of points_m be the first.")
+        if is_closed:
             (a, b), (c, d) = points[:2]
             middle = ((a + c) / 2, (b + d) / 2)
             points = [middle, *points[1:], middle]
         lap = polyline(points, self.corner_radius_m)
         if lap.length_m * self.laps > MAX_M:
             raise SimulationError(f"{self.laps} laps of {lap.length_m:.3g} m are too long: at most {MAX_M:.0f} m.")
-        return lap.repeat(self.laps)
+        walk = Walk(lap.repeat(self.laps), Style.RUN if self.run else Style.WALK, self.strides, self.pace)
+        return [Stand(self.rest_s), walk, Stand(self.rest_s)]
 
 
 class ScenarioTable(BaseModel):
@@ -108,7 +100,7 @@ class ScenarioTable(BaseModel):
     aligned: bool | None = None
     rests: Rests | None = None
     feet: Feet | None = None
-    sensor: Any = Field(default_factory=dict)
+    sensor: str | dict[str, Any] = Field(default_factory=dict)
 
 
 def read_scenario(path: File) -> Scenario:
@@ -141,13 +133,7 @@ def _make_scenario(name: str, content: Mapping[str, Any]) -> Scenario:
     table = _read_table(content)
     like = scenario(table.like)
     sections = table.course.make_sections()
-    sensor: str | SensorPrior = like.prior
-    if isinstance(table.sensor, str):
-        sensor = table.sensor
-    elif isinstance(table.sensor, Mapping):
-        sensor = read_sensor(table.sensor, like.prior)
-    else:
-        raise SimulationError("sensor is no table: write [sensor] and its parameters below, or the name of a preset.")
+    sensor = table.sensor if isinstance(table.sensor, str) else read_sensor(table.sensor, like.prior)
     given = table.model_dump(exclude={"course", "like", "sensor"}, exclude_none=True)
     return replace(like, name=name, summary=f"{name}{SUFFIX}", route=lambda _: sections, sensor=sensor, **given)
 

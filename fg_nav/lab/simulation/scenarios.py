@@ -66,12 +66,7 @@ class Scenario:
 
     Attributes
     ----------
-    name, summary : for people.
     course : draws the sections of the walk.
-    worn : where the sensor is; on a table it goes nowhere.
-    sensor : its preset (`fg_nav.lab.simulation.sensors`), or a prior of your own.
-    site : where on Earth: a site of Munoz Diaz' Table 1 or `latitude,longitude,YYYY-MM-DD`.
-    field : one of `FIELDS`.
     magnets : positions (3,) m of permanent magnets on the floor, with `FLOOR_MAGNET_MOMENT`.
     aligned : a sensor in a pocket sits as the thigh does, x forward and z along the bone, as strapped to it; otherwise
         it is turned as drawn by the seed. Nothing to sensors elsewhere.
@@ -80,13 +75,13 @@ class Scenario:
     feet : whether feet that are walked on come to a stand in stance, but for rolling and slip, or move on as real ones.
     """
 
-    name: str
+    name: str  # For people.
     summary: str
     route: Route
-    worn: Worn
-    sensor: str | SensorPrior
-    site: str = "munich"
-    field: str = "indoor"
+    worn: Worn  # Where the sensor is; on a table it goes nowhere.
+    sensor: str | SensorPrior  # Its preset (`fg_nav.lab.simulation.sensors`), or a prior of your own.
+    site: str = "munich"  # Where on Earth: a site of Munoz Diaz' Table 1 or `latitude,longitude,YYYY-MM-DD`.
+    field: str = "indoor"  # One of `FIELDS`.
     magnets: tuple[tuple[float, float, float], ...] = ()
     aligned: bool = False
     rests: Rests = "still"
@@ -100,25 +95,16 @@ class Scenario:
 
 @dataclass(frozen=True)
 class Choices:
-    """What of a scenario is to be otherwise; None leaves it as it is.
+    """What of a scenario is to be otherwise; None leaves it as it is."""
 
-    Attributes
-    ----------
-    sensor, site, field, worn, rests, feet : see `Scenario`.
-    rate_hz : of the recording; None for the sensor's own.
-    turned_deg : the whole course, clockwise.
-    calibrated : leave out the magnetometer's hard and soft iron.
-    aligned : see `Scenario`; False leaves it as it is.
-    """
-
-    sensor: str | None = None
+    sensor: str | None = None  # See `Scenario`.
     site: str | None = None
     field: str | None = None
     worn: Worn | None = None
-    rate_hz: float | None = None
-    turned_deg: float = 0.0
-    calibrated: bool = False
-    aligned: bool = False
+    rate_hz: float | None = None  # Of the recording; None for the sensor's own.
+    turned_deg: float = 0.0  # The whole course, clockwise.
+    calibrated: bool = False  # Leave out the magnetometer's hard and soft iron.
+    aligned: bool = False  # See `Scenario`; False leaves it as it is.
     rests: Rests | None = None
     feet: Feet | None = None
 
@@ -134,7 +120,10 @@ class Choices:
         _check_choice("rests cannot be", changed.rests, RESTS)
         _check_choice("feet cannot be", changed.feet, FEET)
         prior = changed.prior if self.rate_hz is None else changed.prior.at_rate(self.rate_hz)
-        prior = _remove_iron(prior) if self.calibrated else prior
+        if self.calibrated:
+            if prior.mag is None:
+                raise SimulationError(f"{prior.name} has no magnetometer to be calibrated: choose another sensor.")
+            prior = prior.with_iron(IronPrior())
         changed = replace(changed, sensor=prior, aligned=changed.aligned or self.aligned)
         return _rotate_scenario(changed, self.turned_deg) if self.turned_deg else changed
 
@@ -144,19 +133,12 @@ def _check_choice(what: str, chosen: str, known: Sequence[str]) -> None:
         raise SimulationError(f"{what} '{chosen}': choose one of {', '.join(known)}.")
 
 
-def _remove_iron(prior: SensorPrior) -> SensorPrior:
-    if prior.mag is None:
-        raise SimulationError(
-            f"{prior.name} has no magnetometer to be calibrated: choose another sensor, or leave the calibration out."
-        )
-    return prior.with_iron(IronPrior())
-
-
 def _rotate_scenario(scenario: Scenario, degrees: float) -> Scenario:
     if not np.isfinite(degrees):
         raise SimulationError(f"a course cannot be turned by {degrees} degrees: give a number.")
     angle = float(np.deg2rad(degrees))
-    magnets = tuple(_rotate_place(place, angle) for place in scenario.magnets)
+    c, s = float(np.cos(angle)), float(np.sin(angle))
+    magnets = tuple((c * east + s * north, c * north - s * east, up) for east, north, up in scenario.magnets)
     return replace(scenario, route=lambda rng: routes.rotate(scenario.route(rng), angle), magnets=magnets)
 
 
@@ -231,16 +213,10 @@ def scenario(name: str) -> Scenario:
 
 
 def draw_surroundings(of: Scenario, earth: Homogeneous, points: Floats, rng: np.random.Generator) -> Field:
-    """Draw the field about a scenario's course.
+    """Draw the field about a scenario's course, whose feet come down at `points` (M, 3) m, in order, on the floor.
 
-    Parameters
-    ----------
-    of : says which field, and where magnets lie.
-    earth : the field without all else.
-    points : (M, 3) m, places on the floor where feet come down, in order.
-    rng : source of all that is random.
-
-    Raises `SimulationError` for a field that does not exist, or a street with iron on the path.
+    `earth` is the field without all else. Raises `SimulationError` for a field that does not exist, or a street with
+    iron on the path.
     """
     magnets = [magnet(np.array(place), np.array(FLOOR_MAGNET_MOMENT)) for place in of.magnets]
     return Sum([_draw_background(of.field, earth, points, rng), *magnets])
@@ -251,23 +227,19 @@ def _draw_background(name: str, earth: Homogeneous, points: Floats, rng: np.rand
         raise SimulationError(f"there is no field '{name}': choose one of {', '.join(FIELDS)}.")
     if name not in STREET_FIELDS:
         return draw_environment(name, earth, points, rng)
-    start, forward, length_m = _fit_street(points[:, :2])
-    heading_deg = float(np.rad2deg(np.arctan2(forward[0], forward[1])))
-    template, exponent = STREET_FIELDS[name]
-    return street(earth, length_m, start=start, heading_deg=heading_deg, exponent=exponent, template=template)
-
-
-def _fit_street(points: Floats) -> tuple[tuple[float, float], Floats, float]:
-    """Where a straight street (M, 2) begins, its direction (2,) and its length in m."""
-    farthest = points[np.argmax(np.linalg.norm(points - points[0], axis=1))]
-    length_m = float(np.linalg.norm(farthest - points[0]))
+    # the street goes from where the walk begins to the farthest of its places
+    start = points[0, :2]
+    way = points[np.argmax(np.linalg.norm(points[:, :2] - start, axis=1)), :2] - start
+    length_m = float(np.linalg.norm(way))
     if length_m < 1.0:
         raise SimulationError("there is no street to put lamps and cars along: choose a longer course.")
-    return (float(points[0, 0]), float(points[0, 1])), (farthest - points[0]) / length_m, length_m
-
-
-def _rotate_place(place: tuple[float, float, float], angle: float) -> tuple[float, float, float]:
-    """Turn a place clockwise about the origin by `angle` rad."""
-    east, north, up = place
-    c, s = float(np.cos(angle)), float(np.sin(angle))
-    return c * east + s * north, c * north - s * east, up
+    heading_deg = float(np.rad2deg(np.arctan2(way[0], way[1])))
+    template, exponent = STREET_FIELDS[name]
+    return street(
+        earth,
+        length_m,
+        start=(float(start[0]), float(start[1])),
+        heading_deg=heading_deg,
+        exponent=exponent,
+        template=template,
+    )

@@ -63,23 +63,14 @@ OTHER_FOOT = 0.4  # Share of all this that arrives from the other foot.
 
 
 class Leg(NamedTuple):
-    """How a thigh goes in one style.
+    """How a thigh goes in one style."""
 
-    Attributes
-    ----------
-    swing_rad, flexed_rad : amplitude of flexion once a stride, and its mean against standing.
-    bounce_m : of the hip, from lowest to highest.
-    low_share : share of a stride at which the hip is lowest, once for each foot.
-    contact_share : share of a stride at which the heel strikes.
-    stride_m : length of a stride of this swing; 0 where the swing does not go by the length.
-    """
-
-    swing_rad: float
+    swing_rad: float  # Amplitude of flexion once a stride, and its mean against standing.
     flexed_rad: float
-    bounce_m: float
-    low_share: float = 0.13
-    contact_share: float = 0.54
-    stride_m: float = 0.0
+    bounce_m: float  # Of the hip, from lowest to highest.
+    low_share: float = 0.13  # Share of a stride at which the hip is lowest, once for each foot.
+    contact_share: float = 0.54  # Share of a stride at which the heel strikes.
+    stride_m: float = 0.0  # Length of a stride of this swing; 0 where the swing does not go by the length.
 
 
 LEGS: Mapping[Style, Leg] = {
@@ -98,13 +89,11 @@ class Pocket(Checked):
     Attributes
     ----------
     tilt_rad : standard deviation, per axis, of the constant rotation between thigh and sensor, drawn once.
-    posture_rad : slow sway of the thigh, standard deviation per axis.
-    ringing : strength of what a contact leaves.
     """
 
     tilt_rad: NotNegative = 12.0 * DEG
-    posture_rad: NotNegative = 0.1 * DEG
-    ringing: NotNegative = 1.0
+    posture_rad: NotNegative = 0.1 * DEG  # Slow sway of the thigh, standard deviation per axis.
+    ringing: NotNegative = 1.0  # Strength of what a contact leaves.
 
 
 @dataclass(frozen=True)
@@ -137,14 +126,8 @@ def build_thigh_motion(
 ) -> ThighMotion:
     """Motion of a sensor in the pocket on the side of the foot that makes these strides.
 
-    Parameters
-    ----------
-    strides : of the foot below.
-    pocket : how the sensor sits.
-    rng : source of what is new on every walk: ringing and sway.
-    mounting : source of what stays, the sensor's tilt; `rng` if left out.
-
-    The motion goes from 1 s before the recording to 1 s after it.
+    `rng` draws what is new on every walk, ringing and sway; `mounting`, or `rng` if left out, what stays: the tilt. The
+    motion goes from 1 s before the recording to 1 s after it.
     """
     t = np.arange(-_MARGIN_S, strides.end_s + _MARGIN_S, CONTROL_S)
     cycle = _Cycle(strides, t)

@@ -19,7 +19,7 @@ deviation.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
@@ -35,7 +35,7 @@ from fg_nav.lab.simulation.foot import FootMotion, build_foot_motion
 from fg_nav.lab.simulation.motion import Kinematics, Motion, Strides
 from fg_nav.lab.simulation.path import Pose
 from fg_nav.lab.simulation.person import MOUNTS, Mount, Person
-from fg_nav.lab.simulation.plan import Crossing, Section, Stand, WalkPlan, plan_walk
+from fg_nav.lab.simulation.plan import Crossing, Stand, WalkPlan, plan_walk
 from fg_nav.lab.simulation.routes import remove_rests
 from fg_nav.lab.simulation.scenarios import Choices, Scenario, draw_surroundings, scenario
 from fg_nav.lab.simulation.sensors import Sensor, SensorRun
@@ -73,7 +73,7 @@ class Streams:
 BLOCK = 50_000  # Samples worked on at a time.
 
 MAX_SAMPLES = 20_000_000
-"""Three of Munoz Diaz' walks in a row at 2 kHz; 4 GB, for measured at its peak a sample takes 190 bytes."""
+"""Three of Munoz Diaz' walks in a row at 2 kHz; 5 GB, for at its peak a sample takes 260 bytes."""
 
 Progress: TypeAlias = Callable[[float], None]
 
@@ -100,37 +100,23 @@ class Passing:
 class SimulatedWalk:
     """A recording, and everything that is true about it.
 
-    Attributes
-    ----------
-    scenario, choices, seed : what was asked for, and as it was in effect.
-    recording : with `TrajectoryTruth`.
-    fresh : (N,) True where the magnetometer has a new sample; None without one.
-    biases : once a second.
-    strides : of the foot; for a pocket, of the foot below; none on a table.
-    flat : (K + 1, 2) s, from when to when the foot stands flat; None for a pocket and a table.
-    landmarks : in the order in which they are passed.
-    field, earth : of the surroundings and without them, by places in the course's frame.
-    origin : (3,) m, the origin of the recording's truth in the course's frame.
-    drawn : the sensor as drawn and as switched on, for JSON.
-    person : who walked.
-
     All times are on the recording's clock.
     """
 
-    scenario: Scenario
+    scenario: Scenario  # What was asked for, and as it was in effect.
     choices: Choices
     seed: int
-    recording: Recording
-    fresh: Bools | None
-    biases: BiasTruth
-    strides: Strides
-    flat: Floats | None
-    landmarks: tuple[Passing, ...]
-    field: Field
+    recording: Recording  # With `TrajectoryTruth`.
+    fresh: Bools | None  # (N,) True where the magnetometer has a new sample; None without one.
+    biases: BiasTruth  # Once a second.
+    strides: Strides  # Of the foot; for a pocket, of the foot below; none on a table.
+    flat: Floats | None  # (K + 1, 2) s, from when to when the foot stands flat; None for a pocket and a table.
+    landmarks: tuple[Passing, ...]  # In the order in which they are passed.
+    field: Field  # Of the surroundings and without them, by places in the course's frame.
     earth: Homogeneous
-    origin: Floats
-    drawn: dict[str, Any]
-    person: Person
+    origin: Floats  # (3,) m, the origin of the recording's truth in the course's frame.
+    drawn: dict[str, Any]  # The sensor as drawn and as switched on, for JSON.
+    person: Person  # Who walked.
 
     def nav_field(self, sample: Ints) -> Floats:
         """True field (F, 3) uT in nav where the sensor is at these samples (F,) of the recording."""
@@ -150,15 +136,10 @@ def simulate(
     person: Person | None = None,
     progress: Progress = say_nothing,
 ) -> SimulatedWalk:
-    """Simulate a scenario.
+    """Simulate a scenario, by name or one of your own, with what of it is to be otherwise.
 
-    Parameters
-    ----------
-    name : of the scenario, or one of your own.
-    seed : draws everything; sensor, mount and leg are the same in all scenarios of a seed.
-    choices : what of the scenario is to be otherwise.
-    person : who walks; None for somebody drawn by the seed.
-    progress : is called with the fraction done.
+    The seed draws everything; sensor, mount and leg are the same in all scenarios of a seed. `person` is who walks,
+    drawn by the seed if left out; `progress` is called with the fraction done.
 
     Raises `SimulationError` for names that do not exist and walks, sensors or fields that cannot be.
 
@@ -203,24 +184,14 @@ class Outing:
 
 @dataclass(frozen=True)
 class Carried:
-    """A sensor on a walk.
+    """A sensor on a walk."""
 
-    Attributes
-    ----------
-    sensor : as drawn.
-    strides : of the foot that it is on, or below the pocket.
-    motion : of the sensor.
-    flat : (K + 1, 2) s, from when to when the foot stands flat; None where it is on none.
-    streams : of what is new on this walk.
-    crossings : of landmarks by that foot.
-    """
-
-    sensor: Sensor
-    strides: Strides
-    motion: Motion
-    flat: Floats | None
-    streams: Streams
-    crossings: tuple[Crossing, ...]
+    sensor: Sensor  # As drawn.
+    strides: Strides  # Of the foot that it is on, or below the pocket.
+    motion: Motion  # Of the sensor.
+    flat: Floats | None  # (K + 1, 2) s, from when to when the foot stands flat; None where it is on none.
+    streams: Streams  # Of what is new on this walk.
+    crossings: tuple[Crossing, ...]  # Of landmarks by that foot.
 
 
 def carry_sensor(outing: Outing) -> Carried:
@@ -254,10 +225,7 @@ def record_walk(
         fresh=rows.get("fresh"),
         biases=BiasTruth(seconds * clock_rate, biases.gyr, biases.acc),
         strides=replace(
-            strides,
-            start=strides.start * clock_rate,
-            duration=strides.duration * clock_rate,
-            end_s=strides.end_s * clock_rate,
+            strides, **{name: clock_rate * getattr(strides, name) for name in ("start", "duration", "end_s")}
         ),
         flat=None if carried.flat is None else carried.flat * clock_rate,
         landmarks=tuple(
@@ -284,7 +252,12 @@ def _plan_strides(chosen: Scenario, person: Person, streams: Streams) -> WalkPla
     sections = chosen.route(streams.of_this_walk("course"))
     sections = remove_rests(sections) if chosen.rests == "none" else sections
     if chosen.worn == "table":
-        return WalkPlan(make_no_strides(sections), (), (), Pose(np.zeros(3), 0.0), np.zeros(1))
+        seconds = [section.seconds for section in sections if isinstance(section, Stand)]
+        if len(seconds) < len(sections):
+            raise SimulationError("a sensor on a table goes nowhere: wear it, or choose a course without strides.")
+        none, place = np.zeros(0), np.zeros((1, 3))
+        strides = Strides(none, none, place, np.zeros(1), none.astype(np.int64), float(sum(seconds)))
+        return WalkPlan(strides, (), (), Pose(place[0], 0.0), np.zeros(1))
     return plan_walk(sections, person, streams.of_this_walk("strides"))
 
 
@@ -292,7 +265,8 @@ def _make_motion(outing: Outing) -> tuple[Motion, Floats | None]:
     """Motion of the sensor, and from when to when (K + 1, 2) s the foot stands flat, if it is on one."""
     chosen, strides, streams = outing.scenario, outing.plan.strides, outing.streams
     if chosen.worn == "table":
-        return Lying.draw(streams.of_this_walk("table")), None
+        tilt = streams.of_this_walk("table").normal(0.0, TABLE_TILT_RAD, 3)
+        return Lying(np.asarray(Rotation.from_rotvec(tilt).as_matrix())), None
     if chosen.worn == "pocket":
         pocket = Pocket(tilt_rad=0.0) if chosen.aligned else Pocket()
         return build_thigh_motion(strides, pocket, streams.of_this_walk("leg"), streams.lasting("leg")), None
@@ -313,12 +287,15 @@ def _measure_blocks(
     period_s = run.sensor.prior.period_s
     count = int(end_s * run.sensor.prior.rate_hz)
     columns: dict[str, list[npt.NDArray[Any]]] = {}
+
+    def body_field(instants: Floats) -> Floats:
+        state = motion.at(instants)
+        return np.asarray(np.einsum("nji,nj->ni", state.nav_R_body, field.at(state.position)))
+
     for begin in range(0, count, BLOCK):
         t = np.arange(begin, min(begin + BLOCK, count), dtype=np.float64) * period_s
         state = motion.at(t)
-        samples = run.measure(
-            t, *motion.sampled(t, period_s), lambda instants: _rotate_field(motion.at(instants), field)
-        )
+        samples = run.measure(t, *motion.sampled(t, period_s), body_field)
         parts = {name: getattr(samples, name) for name in ("t", "taken", "acc", "gyr", "mag", "fresh")}
         parts |= {"position": state.position[samples.row], "nav_R_body": state.nav_R_body[samples.row]}
         for name, part in parts.items():
@@ -326,11 +303,6 @@ def _measure_blocks(
                 columns.setdefault(name, []).append(part)
         progress((begin + len(t)) / count)
     return {name: np.concatenate(columns.pop(name)) for name in tuple(columns)}
-
-
-def _rotate_field(state: Kinematics, field: Field) -> Floats:
-    turned: Floats = np.einsum("nji,nj->ni", state.nav_R_body, field.at(state.position))
-    return turned
 
 
 TABLE_TILT_RAD = 0.01  # About each axis, standard deviation: tables and cases are level to half a degree (assumed).
@@ -342,11 +314,6 @@ class Lying:
 
     nav_R_body: Floats
 
-    @classmethod
-    def draw(cls, rng: np.random.Generator) -> Lying:
-        """Draw a table that is not quite level."""
-        return cls(Rotation.from_rotvec(rng.normal(0.0, TABLE_TILT_RAD, 3)).as_matrix())
-
     def at(self, t: Floats) -> Kinematics:
         """Exact state at instants `t` (N,) s."""
         nothing, force = np.zeros((len(t), 3)), np.tile(GRAVITY_M_S2 * self.nav_R_body[2], (len(t), 1))
@@ -356,12 +323,3 @@ class Lying:
         """Rate (N, 3) rad/s and specific force (N, 3) m/s^2, each the mean over [t, t + period]."""
         state = self.at(t)
         return state.rate, state.force
-
-
-def make_no_strides(sections: Sequence[Section]) -> Strides:
-    """No strides, for as long as the sections last; raises `SimulationError` if one of them goes anywhere."""
-    seconds = [section.seconds for section in sections if isinstance(section, Stand)]
-    if len(seconds) < len(sections):
-        raise SimulationError("a sensor on a table goes nowhere: wear it, or choose a course without strides.")
-    none = np.zeros(0)
-    return Strides(none, none, np.zeros((1, 3)), np.zeros(1), none.astype(np.int64), float(sum(seconds)))

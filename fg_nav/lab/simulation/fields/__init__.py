@@ -1,22 +1,11 @@
 """Magnetic fields as functions of place: the Earth's, and what steel does to it.
 
-Model
------
 A field is the flux density B(x) in uT at a place x in m, both in nav (East-North-Up), and static: a `Field`. Fields
 of separate sources add (`Sum`). Away from sources every map here is free of divergence and curl.
 
-========= ========================================================== ==============================================
-file      what                                                       source
-========= ========================================================== ==============================================
-field     sums; homogeneous: sites, any strength and dip, World      MD Table 1; WMM2025
-          Magnetic Model; magnets and magnetized steel; stray        mu_0 / 4 pi (3 (m.u) u - m) / r^3; Osborn 1945;
-          currents in closed polygons                                Biot and Savart
-          upright iron cylinders, each alone in its cell: a street   MD (21)-(23), Figure 4
-building  a reinforced floor: random harmonic potential; for         fitted to real walks; docs/simulation.md
-          stairs, steel buried under the path; pillars, lockers,
-          door frames, beams: `homogeneous`, `smooth`, `indoor`,
-          `indoor-old`
-========= ========================================================== ==============================================
+`field` has the sources in closed form: the Earth's field (MD Table 1, WMM2025), dipoles and spheroids (Osborn 1945),
+circuits (Biot and Savart), and streets of upright iron cylinders, each alone in its cell (MD (21)-(23), Figure 4).
+`building` has what is fitted to real walks (docs/simulation.md): floors, stairs, objects, stray currents, by level.
 
 Two exceptions, both on purpose: the cylinder with its exponent as printed in the paper, which is no magnetic field,
 and the jump from cell to cell of a street.

@@ -177,20 +177,12 @@ class FloorParameters(Checked):
 
 @dataclass(frozen=True)
 class Floor:
-    """One draw of a floor's clutter; the Earth's field is not in it.
+    """One draw of a floor's clutter; the Earth's field is not in it."""
 
-    Attributes
-    ----------
-    wave : (M, 2) rad/m, horizontal wave vectors.
-    amplitude : (M,) uT at the sheet.
-    phase : (M,) rad.
-    sheet_m : height of the sheet in nav.
-    """
-
-    wave: Floats
-    amplitude: Floats
-    phase: Floats
-    sheet_m: float
+    wave: Floats  # (M, 2) rad/m, horizontal wave vectors.
+    amplitude: Floats  # (M,) uT at the sheet.
+    phase: Floats  # (M,) rad.
+    sheet_m: float  # Height of the sheet in nav.
 
     def at(self, position: Floats) -> Floats:
         """Flux density (N, 3) uT at `position` (N, 3) m."""
@@ -275,29 +267,17 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Kind:
-    """Objects of a kind.
-
-    Attributes
-    ----------
-    per_100_m : how many along 100 m of path, in the mean.
-    aside_m : horizontal distance from some point of the path.
-    bottom_m : height of its lower end over the floor there.
-    length_m : of the object.
-    steel_litre : volume of its steel (7.9 kg a litre), evenly filled in the logarithm.
-    memory : q.
-    lies : in any horizontal direction; else it stands.
-    room_m : to where a sensor may be, at least.
-    """
+    """Objects of a kind."""
 
     name: str
-    per_100_m: float
-    aside_m: Range
-    bottom_m: Range
-    length_m: Range
-    steel_litre: Range
-    memory: float
-    lies: bool = False
-    room_m: float = 0.5
+    per_100_m: float  # How many along 100 m of path, in the mean.
+    aside_m: Range  # Horizontal distance from some point of the path.
+    bottom_m: Range  # Height of its lower end over the floor there.
+    length_m: Range  # Of the object.
+    steel_litre: Range  # Volume of its steel (7.9 kg a litre), evenly filled in the logarithm.
+    memory: float  # q.
+    lies: bool = False  # In any horizontal direction; else it stands.
+    room_m: float = 0.5  # To where a sensor may be, at least.
 
 
 CABLES_PER_100_M = 3.0  # Circuits of stray current, in the mean.
@@ -388,20 +368,12 @@ REGION = FloorParameters(strength_uT=2.0, shortest_m=30.0, longest_m=90.0, modes
 
 @dataclass(frozen=True)
 class Clutter:
-    """What stands and lies in a building; the defaults are the level `indoor`.
+    """What stands and lies in a building; the defaults are the level `indoor`."""
 
-    Attributes
-    ----------
-    floor : roughness of level floors.
-    kinds : objects.
-    region : field that is alike for tens of meters, or None.
-    strength_spread : s, of the logarithm of a building's strength.
-    """
-
-    floor: FloorParameters = FLOOR
-    kinds: tuple[Kind, ...] = INDOOR_KINDS
-    region: FloorParameters | None = REGION
-    strength_spread: float = 0.25
+    floor: FloorParameters = FLOOR  # Roughness of level floors.
+    kinds: tuple[Kind, ...] = INDOOR_KINDS  # Objects.
+    region: FloorParameters | None = REGION  # Field that is alike for tens of meters, or None.
+    strength_spread: float = 0.25  # s, of the logarithm of a building's strength.
 
 
 CLUTTERS: Mapping[str, Clutter] = {
@@ -414,17 +386,10 @@ LEVELS = ("homogeneous", "smooth", *CLUTTERS)
 
 
 def draw_environment(level: str, earth: Homogeneous, points: Floats, rng: np.random.Generator) -> Environment:
-    """Draw an environment about the path of a walk.
+    """Draw an environment, one of `LEVELS`, about the path of a walk.
 
-    Parameters
-    ----------
-    level : one of `LEVELS`.
-    earth : field without the building.
-    points : (M, 3) m in nav, points on the floor along which the feet go, joined by straight lines. Objects stand
-        next to it, half a meter or more from wherever the sensor may be.
-    rng : source of all that is random.
-
-    Raises `SimulationError` for any other level, or points that are no path.
+    The path goes by straight lines through `points` (M, 3) m on the floor. Objects stand next to it, half a meter or
+    more from wherever the sensor may be. Raises `SimulationError` for any other level, or points that are no path.
     """
     if level not in LEVELS:
         raise SimulationError(f"there is no field level {level!r}: choose one of {', '.join(LEVELS)}.")

@@ -159,16 +159,10 @@ def find_earth_field(where: str) -> Homogeneous:
 
 @dataclass(frozen=True)
 class Dipoles:
-    """K dipoles.
+    """K dipoles."""
 
-    Attributes
-    ----------
-    position : (K, 3) m in nav.
-    moment : (K, 3) A m^2 in nav.
-    """
-
-    position: Floats
-    moment: Floats
+    position: Floats  # (K, 3) m in nav.
+    moment: Floats  # (K, 3) A m^2 in nav.
 
     def __post_init__(self) -> None:
         for name in ("position", "moment"):
@@ -276,16 +270,10 @@ def _dipoles_at(position: Floats, source: Floats, moment: Floats) -> tuple[Float
 
 @dataclass(frozen=True)
 class Circuit:
-    """A closed polygon of conductors.
+    """A closed polygon of conductors."""
 
-    Attributes
-    ----------
-    corners : (K, 3) m in nav; the last is joined to the first.
-    current_A : positive from corner to corner in their order.
-    """
-
-    corners: Floats
-    current_A: float
+    corners: Floats  # (K, 3) m in nav; the last is joined to the first.
+    current_A: float  # Positive from corner to corner in their order.
 
     def __post_init__(self) -> None:
         corners = np.ascontiguousarray(self.corners, dtype=np.float64)
@@ -334,43 +322,22 @@ PHYSICAL, AS_PRINTED = 2.0, 1.0  # Exponents n: that of the physics, and that of
 STREETLIGHT_M, CAR_M = 0.30, 2.0  # Radii of the template's cylinders (paper, Section 2.2).
 TEMPLATE_LENGTH_M = 120.0  # After this the template repeats; our choice, a block of houses.
 
-TEMPLATE: tuple[tuple[float, float, float], ...] = (
-    (15.0, 1.0, STREETLIGHT_M),
-    (45.0, 1.0, STREETLIGHT_M),
-    (60.0, 4.0, CAR_M),
-    (75.0, 1.0, STREETLIGHT_M),
-    (105.0, 1.0, STREETLIGHT_M),
-)
+TEMPLATE = (*((along, 1.0, STREETLIGHT_M) for along in (15.0, 45.0, 75.0, 105.0)), (60.0, 4.0, CAR_M))
 """Along the street (m), to the left of it (m), radius (m); our choice, see above."""
 
-PAST_CARS: tuple[tuple[float, float, float], ...] = (
-    (27.0, 5.0, STREETLIGHT_M),
-    (57.0, 5.0, STREETLIGHT_M),
-    (87.0, 5.0, STREETLIGHT_M),
-    (110.0, 8.0, CAR_M),
-    (117.0, 5.0, STREETLIGHT_M),
-)
+PAST_CARS = (*((along, 5.0, STREETLIGHT_M) for along in (27.0, 57.0, 87.0, 117.0)), (110.0, 8.0, CAR_M))
 """The same for one who walks on the far side; our choice, see above."""
 
 
 @dataclass(frozen=True)
 class Cylinders:
-    """K upright cylinders, each alone in its cell.
+    """K upright cylinders, each alone in its cell."""
 
-    Attributes
-    ----------
-    axis : (K, 2) m, east and north of each axis.
-    radius : (K,) m.
-    far : the field far from iron.
-    mu_r : relative permeability.
-    exponent : n; `PHYSICAL` or `AS_PRINTED`.
-    """
-
-    axis: Floats
-    radius: Floats
-    far: Homogeneous
-    mu_r: float = IRON_MU_R
-    exponent: float = PHYSICAL
+    axis: Floats  # (K, 2) m, east and north of each axis.
+    radius: Floats  # (K,) m.
+    far: Homogeneous  # The field far from iron.
+    mu_r: float = IRON_MU_R  # Relative permeability.
+    exponent: float = PHYSICAL  # n; `PHYSICAL` or `AS_PRINTED`.
 
     def __post_init__(self) -> None:
         axis, radius = np.asarray(self.axis, dtype=np.float64), np.asarray(self.radius, dtype=np.float64)
@@ -378,8 +345,7 @@ class Cylinders:
             raise SimulationError(f"axes {axis.shape} and radii {radius.shape} do not match: give (K, 2) and (K,).")
         if not (np.isfinite(axis).all() and (radius > 0).all() and self.mu_r >= 1 and self.exponent > 0):
             raise SimulationError(
-                "a cylinder needs a finite axis, a radius above 0, a permeability of 1 or more "
-                "and an exponent above 0: check the four."
+                "a cylinder needs a finite axis, a radius and an exponent above 0 and a mu_r of 1: check."
             )
         object.__setattr__(self, "axis", axis)
         object.__setattr__(self, "radius", radius)
@@ -390,7 +356,12 @@ class Cylinders:
         Raises `SimulationError` inside a cylinder.
         """
         nearest, gap = self._nearest(position)
-        self._check_outside(position, nearest, gap)
+        if len(gap) and gap.min() < 0:
+            i = int(np.argmin(gap))
+            raise SimulationError(
+                f"{np.round(position[i, :2], 2)} m lies inside the cylinder of radius {self.radius[nearest[i]]} m at "
+                f"{np.round(self.axis[nearest[i]], 2)} m: lead the path around it."
+            )
         arm = position[:, :2] - self.axis[nearest]
         square = np.sum(arm**2, axis=1, keepdims=True)
         far = self.far.vector[:2]
@@ -413,15 +384,6 @@ class Cylinders:
             nearer = own < gap
             nearest[nearer], gap[nearer] = k, own[nearer]
         return nearest, gap
-
-    def _check_outside(self, position: Floats, nearest: Ints, gap: Floats) -> None:
-        if len(gap) and gap.min() < 0:
-            i = int(np.argmin(gap))
-            east, north = self.axis[nearest[i]]
-            raise SimulationError(
-                f"({position[i, 0]:.2f}, {position[i, 1]:.2f}) m lies inside the cylinder of radius "
-                f"{self.radius[nearest[i]]} m at ({east:.2f}, {north:.2f}) m: lead the path around it."
-            )
 
 
 def street(

@@ -14,7 +14,7 @@ ellipse whose long axis lies at eta = 0.973 rad from x and whose axes have the r
 shrinks the long axis by tau, Ma (9)-(12), so what they correct is S = I + (1/tau - 1) u u^T, u = (cos eta, sin eta,
 0), h = offsets (`ma_table_1`).
 
-A three-axis magnetometer chip: when it has a new sample, and how it misreads the field around it.
+A three-axis chip misreads the field around it:
 
     y = digits(K B'(t - lag) + o + n)
 
@@ -124,37 +124,23 @@ def ma_table_1(level_R_body: Floats | None = None) -> IronPrior:
 
 def make_iron(hard_uT: Floats, soft: Floats | None = None) -> IronPrior:
     """Make exactly this iron: `hard_uT` (3,) and `soft` (3, 3), the latter none if left out."""
-    x, y, z = (float(value) for value in hard_uT)
     rows = np.eye(3) if soft is None else soft
-    a, b, c = ((float(row[0]), float(row[1]), float(row[2])) for row in rows)
-    return IronPrior(hard_uT=(x, y, z), soft=(a, b, c))
+    return IronPrior(hard_uT=tuple(map(float, hard_uT)), soft=tuple(tuple(map(float, row)) for row in rows))
 
 
 @dataclass(frozen=True)
 class MagnetometerPrior(Checked):
-    """What chips of one make are like; a perfect one with a sample in every row by default.
+    """What chips of one make are like; a perfect one with a sample in every row by default."""
 
-    Attributes
-    ----------
-    rate_hz : samples a second; infinite for one in every row.
-    noise_sd_uT : white noise of a sample, uT.
-    offset_sd_uT : of the chip's own offset, uT per axis.
-    scale_sd, cross_axis_sd : of the elements of K on and off the diagonal.
-    lag_s : age of a fresh sample, s.
-    limit_uT : end of the range, uT.
-    resolution_uT : step of the converter, uT; 0 for none.
-    held : rows without a new sample repeat the last one instead of having none.
-    """
-
-    rate_hz: Limit = np.inf
-    noise_sd_uT: Error_uT = 0.0
-    offset_sd_uT: Error_uT = 0.0
-    scale_sd: Share = 0.0
+    rate_hz: Limit = np.inf  # Samples a second; infinite for one in every row.
+    noise_sd_uT: Error_uT = 0.0  # White noise of a sample, uT.
+    offset_sd_uT: Error_uT = 0.0  # Of the chip's own offset, uT per axis.
+    scale_sd: Share = 0.0  # Of the elements of K on and off the diagonal.
     cross_axis_sd: Share = 0.0
-    lag_s: Annotated[float, Field(ge=0.0, le=0.2)] = 0.0
-    limit_uT: Limit = np.inf
-    resolution_uT: Error_uT = 0.0
-    held: bool = False
+    lag_s: Annotated[float, Field(ge=0.0, le=0.2)] = 0.0  # Age of a fresh sample, s.
+    limit_uT: Limit = np.inf  # End of the range, uT.
+    resolution_uT: Error_uT = 0.0  # Step of the converter, uT; 0 for none.
+    held: bool = False  # Rows without a new sample repeat the last one instead of having none.
 
     def draw(self, rng: np.random.Generator) -> Magnetometer:
         """Draw one chip; takes the same number of draws whatever the parameters."""

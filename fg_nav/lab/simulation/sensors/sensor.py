@@ -1,22 +1,17 @@
 """The whole sensor: one unit or several averaged, the iron around them, and the clock of the logger.
 
-    prior.draw(rng) -> Sensor                what stays the same from walk to walk: scale, axes, iron, clock
-    sensor.switched_on(rng) -> SensorRun     what is new on every walk: turn-on biases, drift, noise
-    run.measure(t, rate, force, field)       the next block of samples
-
 A module of several units (Ma's has eight) averages their readings row by row. Every unit is simulated on its own,
 with its own errors, range and steps, and the readings are averaged after: so white noise falls with the square
 root of their number, the units' own errors do too, and a peak beyond the range is cut before it is averaged. What
 all units share does not average away: the iron.
 
-No result depends on how the walk is cut into blocks: every kind of noise has a stream of its own, drawn in the
-order of the samples, and drifts are functions of time.
+No result depends on how the walk is cut into blocks: every kind of noise has a stream of its own.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -41,27 +36,16 @@ from fg_nav.text import to_json
 
 @dataclass(frozen=True)
 class SensorPrior(Checked):
-    """What sensors of one make are like, and so what an estimator may assume of one; perfect by default.
+    """What sensors of one make are like, and so what an estimator may assume of one; perfect by default."""
 
-    Attributes
-    ----------
-    name : of the preset or the make.
-    rate_hz : rows a second.
-    gyr, acc : gyroscopes (rad/s) and accelerometers (m/s^2) of a unit.
-    mag : its magnetometer; None for none.
-    iron : that all units carry along.
-    clock : of the logger.
-    units : how many are averaged.
-    """
-
-    name: str
-    rate_hz: Positive
-    gyr: TriadPrior = field(default_factory=TriadPrior)
+    name: str  # Of the preset or the make.
+    rate_hz: Positive  # Rows a second.
+    gyr: TriadPrior = field(default_factory=TriadPrior)  # Gyroscopes (rad/s) and accelerometers (m/s^2) of a unit.
     acc: TriadPrior = field(default_factory=TriadPrior)
-    mag: MagnetometerPrior | None = field(default_factory=MagnetometerPrior)
-    iron: IronPrior = field(default_factory=IronPrior)
-    clock: ClockPrior = field(default_factory=ClockPrior)
-    units: Annotated[int, Field(ge=1, le=256)] = 1
+    mag: MagnetometerPrior | None = field(default_factory=MagnetometerPrior)  # Its magnetometer; None for none.
+    iron: IronPrior = field(default_factory=IronPrior)  # That all units carry along.
+    clock: ClockPrior = field(default_factory=ClockPrior)  # Of the logger.
+    units: Annotated[int, Field(ge=1, le=256)] = 1  # How many are averaged.
 
     @property
     def period_s(self) -> float:
@@ -176,28 +160,22 @@ class Samples:
 
     Attributes
     ----------
-    t : (M,) s, stamps: strictly increasing, on from the block before.
-    taken : (M,) s, what the logger's clock showed when they were taken: stamps without delay, for the truth.
-    acc, gyr : (M, 3) m/s^2, rad/s.
     mag : (M, 3) uT, NaN (or the last one, if held) where there is no new sample; None without a magnetometer.
-    fresh : (M,) whether there is a new sample of the field; None without a magnetometer.
-    row : (M,) which instants of the block they are, for the truth.
     """
 
-    t: Floats
-    taken: Floats
-    acc: Floats
+    t: Floats  # (M,) s, stamps: strictly increasing, on from the block before.
+    taken: Floats  # (M,) s, what the logger's clock showed when they were taken: stamps without delay, for the truth.
+    acc: Floats  # (M, 3) m/s^2, rad/s.
     gyr: Floats
     mag: Floats | None
-    fresh: Bools | None
-    row: Ints
+    fresh: Bools | None  # (M,) whether there is a new sample of the field; None without a magnetometer.
+    row: Ints  # (M,) which instants of the block they are, for the truth.
 
     def __len__(self) -> int:
         return len(self.t)
 
 
-@dataclass(frozen=True)
-class Biases:
+class Biases(NamedTuple):
     """True biases of the averaged readings at N instants: `gyr` (N, 3) rad/s, `acc` (N, 3) m/s^2."""
 
     gyr: Floats
@@ -241,10 +219,7 @@ class SensorRun:
 
     def biases_at(self, t: Floats) -> Biases:
         """True biases at any instants `t` (N,) s of the walk, turn-on and drift together."""
-        return Biases(
-            gyr=average_units([unit.bias_at(t) for unit in self._gyr]),
-            acc=average_units([unit.bias_at(t) for unit in self._acc]),
-        )
+        return Biases(*(average_units([unit.bias_at(t) for unit in units]) for units in (self._gyr, self._acc)))
 
     def as_dict(self) -> dict[str, Any]:
         """What was new on this walk, for JSON: turn-on biases of the average, and unit by unit."""

@@ -13,8 +13,7 @@ digits       the end of the range, then the steps of the converter (`digitize`)
 ====== ===== ===========================================================================================
 
 u is the unit of the triad. The noise density N (u/sqrt(Hz)) is the one estimators use: two-sided, the Allan
-deviation at 1 s, the angle or velocity random walk. A data sheet's noise density is one-sided and sqrt(2) times
-as large: 0.01 deg/s/sqrt(Hz) over 92 Hz make the 0.1 deg/s rms of the MPU-9250's sheet.
+deviation at 1 s, the angle or velocity random walk. A data sheet's is one-sided and sqrt(2) times as large.
 
 Six free off-diagonal elements of M hold both the turn of the triad against the body and its axes' skewness.
 
@@ -64,20 +63,12 @@ Limit: TypeAlias = Annotated[float, Field(gt=0.0)]
 
 @dataclass(frozen=True)
 class Drift(Checked):
-    """How the bias of a triad wanders; none by default.
+    """How the bias of a triad wanders; none by default."""
 
-    Attributes
-    ----------
-    sd : of the Gauss-Markov part at any time, u.
-    time_s : its correlation time, s.
-    walk : density of the random walk, u/sqrt(s): after t seconds its standard deviation is walk sqrt(t).
-    trend : m (3,), steady change per axis since t = 0, u/s.
-    """
-
-    sd: Error = 0.0
-    time_s: Annotated[float, Field(ge=MIN_TIME_S, allow_inf_nan=False)] = 100.0
-    walk: Error = 0.0
-    trend: Offsets = (0.0, 0.0, 0.0)
+    sd: Error = 0.0  # Of the Gauss-Markov part at any time, u.
+    time_s: Annotated[float, Field(ge=MIN_TIME_S, allow_inf_nan=False)] = 100.0  # Its correlation time, s.
+    walk: Error = 0.0  # Density of the random walk, u/sqrt(s): after t seconds its standard deviation is walk sqrt(t).
+    trend: Offsets = (0.0, 0.0, 0.0)  # m (3,), steady change per axis since t = 0, u/s.
 
     @property
     def step_s(self) -> float:
@@ -120,28 +111,17 @@ class DriftPath:
 
 @dataclass(frozen=True)
 class TriadPrior(Checked):
-    """What triads of one make are like; a perfect one by default. u is rad/s or m/s^2.
+    """What triads of one make are like; a perfect one by default. u is rad/s or m/s^2."""
 
-    Attributes
-    ----------
-    noise_density : N, u/sqrt(Hz), two-sided.
-    bias, bias_sd : turn-on bias, expected (3,) and standard deviation about it per axis, u.
-    drift : of the bias.
-    scale_sd, cross_axis_sd : standard deviations of M's elements on and off the diagonal.
-    g_sensitivity_sd : standard deviation of G's elements, u per m/s^2.
-    limit : end of the range, u.
-    resolution : step of the converter, u; 0 for none.
-    """
-
-    noise_density: Error = 0.0
-    bias: Offsets = (0.0, 0.0, 0.0)
+    noise_density: Error = 0.0  # N, u/sqrt(Hz), two-sided.
+    bias: Offsets = (0.0, 0.0, 0.0)  # Turn-on bias, expected (3,) and standard deviation about it per axis, u.
     bias_sd: Error = 0.0
-    drift: Drift = field(default_factory=Drift)
-    scale_sd: Share = 0.0
+    drift: Drift = field(default_factory=Drift)  # Of the bias.
+    scale_sd: Share = 0.0  # Standard deviations of M's elements on and off the diagonal.
     cross_axis_sd: Share = 0.0
-    g_sensitivity_sd: Error = 0.0
-    limit: Limit = np.inf
-    resolution: NotNegative = 0.0
+    g_sensitivity_sd: Error = 0.0  # Standard deviation of G's elements, u per m/s^2.
+    limit: Limit = np.inf  # End of the range, u.
+    resolution: NotNegative = 0.0  # Step of the converter, u; 0 for none.
 
     def draw(self, rng: np.random.Generator) -> Triad:
         """Draw one unit's triad; takes the same number of draws whatever the parameters."""
