@@ -136,13 +136,7 @@ NODE_S = 3e-3  # A node of quadrature for each of these in a sample period, and 
 
 @dataclass(frozen=True)
 class FootMotion:
-    """A sensor on a foot.
-
-    Attributes
-    ----------
-    flat : (K + 1, 2) s, the truth of stance: from when the last ramp of landing has ended to when the first of the next
-        push begins. In between the loaded foot rolls on by degrees a second, sinks and slips.
-    """
+    """A sensor on a foot."""
 
     east: Ramps  # Of the pivot, m.
     north: Ramps
@@ -152,7 +146,7 @@ class FootMotion:
     yaw: Ramps
     lever_m: Floats  # (3,) from the pivot to the sensor, foot frame.
     foot_R_body: Floats  # (3, 3).
-    flat: Floats
+    flat: Floats  # (K + 1, 2) s: from the end of the last ramp of landing to the begin of the first of the next push.
 
     def at(self, t: Floats) -> Kinematics:
         """Exact state at rising instants `t` (N,) s."""

@@ -53,18 +53,11 @@ class Style(IntEnum):
 
 @dataclass(frozen=True)
 class Strides:
-    """K strides of one foot; in pauses between them it stands.
+    """K strides of one foot; in pauses between them it stands."""
 
-    Attributes
-    ----------
-    start, duration : (K,) s; a stride lasts from the beginning of its swing (heel-off) to the end of the stance after
-        it, so that start[k] + duration[k] <= start[k + 1]; the rest is standing.
-    footprint : (K + 1, 3) m, where the foot stands before stride 0 and after each; z is the height of the floor.
-    """
-
-    start: Floats
-    duration: Floats
-    footprint: Floats
+    start: Floats  # (K,) s, heel-off; start[k] + duration[k] <= start[k + 1], the rest is standing.
+    duration: Floats  # (K,) s to the end of the stance after the swing.
+    footprint: Floats  # (K + 1, 3) m, before stride 0 and after each; z is the height of the floor.
     heading: Floats  # (K + 1,) rad clockwise from north, of the foot at each footprint; unwrapped.
     style: Ints  # (K,) of `Style`.
     end_s: float  # When the recording ends; the foot stands from the last stride's end to then.
@@ -75,17 +68,13 @@ class Strides:
 
 @dataclass(frozen=True)
 class Kinematics:
-    """State of the sensor at N instants.
+    """State of the sensor at N instants."""
 
-    `position` (N, 3) m and `velocity` (N, 3) m/s in nav, `nav_R_body` (N, 3, 3), `rate` (N, 3) rad/s and
-    specific `force` (N, 3) m/s^2 in the body frame.
-    """
-
-    position: Floats
-    velocity: Floats
-    nav_R_body: Floats
-    rate: Floats
-    force: Floats
+    position: Floats  # (N, 3) m in nav.
+    velocity: Floats  # (N, 3) m/s in nav.
+    nav_R_body: Floats  # (N, 3, 3).
+    rate: Floats  # (N, 3) rad/s in the body frame.
+    force: Floats  # (N, 3) m/s^2, specific, in the body frame.
 
 
 def compute_kinematics(moved: Floats, lever_m: Floats, b_R_body: Floats) -> Kinematics:

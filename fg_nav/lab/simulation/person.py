@@ -25,7 +25,7 @@ from fg_nav.lab.simulation.checks import Checked, Finite, NotNegative, Positive,
 from fg_nav.lab.simulation.motion import Style
 
 DEG = float(np.deg2rad(1.0))
-STEEPEST_RAD = float(np.pi / 2)
+STEEPEST_RAD = 90.0 * DEG
 SWING_SHARES = 0.3, 0.8  # Of an angle, and of a stride: what a gait may have.
 
 Angle: TypeAlias = Annotated[float, Field(ge=-STEEPEST_RAD, le=STEEPEST_RAD)]
@@ -35,44 +35,26 @@ SwingShare: TypeAlias = Annotated[float, Field(ge=SWING_SHARES[0], le=SWING_SHAR
 
 @dataclass(frozen=True)
 class Gait(Checked):
-    """One manner of stride; the defaults are an adult's walk.
+    """One manner of stride; the defaults are an adult's walk."""
 
-    Attributes
-    ----------
-    stride_m, stride_s : length and duration of a stride, m and s (Ma et al. 2018: 1018 m in 786 strides, 5 km/h).
-    variation : coefficient of variation of length and duration, stride to stride (healthy adults: 0.02-0.03).
-    toe_down_rad, toe_up_rad : pitch after push-off and at heel strike, the latter upward; below zero the toe lands
-        first (gdin: 53-71 and 26-35 deg).
-    yaw_wobble_rad : turn of the toe outward and back at push-off and before heel strike (gdin: 3-15 deg).
-    clearance_m, midswing_m, heel_m : height of the pivot after push-off, in mid-swing, and when the heel comes down
-        (gdin: 10-15, 4-6, 8-11 cm).
-    climb : shares of the swing between which the foot rises to another height of the floor.
-    rollover_rad : forward pitch in mid-stance, which what is left of landing and what comes before heel-off go with
-        (gdin: 5 to 15 deg/s in mid-stance and more at the ends, Vicon: 1 to 5).
-    slip_m, slip_sd_m : forward slip of the foot in a stance, and its scatter (tenths of mm to mm: the sole creeps under
-        braking, the shoe on the foot).
-    shock_m_s2, shock_rad_s : specific force and rate that the heel strike adds at its peak (gdin: peaks of 3 to 9 g,
-        most of the power below 24 Hz).
-    """
-
-    stride_m: NotNegative = 1.29
+    stride_m: NotNegative = 1.29  # Length and duration of a stride (Ma et al. 2018: 1018 m in 786 strides, 5 km/h).
     stride_s: Positive = 0.93
-    variation: Share = 0.025
+    variation: Share = 0.025  # Coefficient of variation of both, from stride to stride (healthy adults: 0.02-0.03).
     swing_share: SwingShare = 0.62  # Part of a stride in which the foot is not flat, from heel-off to foot-flat (gdin).
-    toe_down_rad: Angle = 60.0 * DEG
-    toe_up_rad: Angle = 27.0 * DEG
+    toe_down_rad: Angle = 60.0 * DEG  # Pitch after push-off (gdin: 53-71 deg).
+    toe_up_rad: Angle = 27.0 * DEG  # Upward pitch at heel strike; below zero the toe lands first (gdin: 26-35 deg).
     inversion_rad: Angle = 10.0 * DEG  # Roll at push-off, two thirds of it again at heel strike (gdin: 5-13 deg).
-    yaw_wobble_rad: Angle = 7.0 * DEG
-    clearance_m: NotNegative = 0.115
-    midswing_m: NotNegative = 0.042
-    heel_m: NotNegative = 0.095
-    climb: tuple[Climb, Climb] = (0.15, 0.90)
-    rollover_rad: Angle = 2.6 * DEG
+    yaw_wobble_rad: Angle = 7.0 * DEG  # Turn of the toe at push-off and before heel strike (gdin: 3-15 deg).
+    clearance_m: NotNegative = 0.115  # Height of the pivot after push-off (gdin: 10-15 cm).
+    midswing_m: NotNegative = 0.042  # Its height in mid-swing (gdin: 4-6 cm).
+    heel_m: NotNegative = 0.095  # Its height when the heel comes down (gdin: 8-11 cm).
+    climb: tuple[Climb, Climb] = (0.15, 0.90)  # Shares of the swing between which the foot rises to another floor.
+    rollover_rad: Angle = 2.6 * DEG  # Forward pitch in mid-stance (gdin: 5 to 15 deg/s there, Vicon: 1 to 5).
     sole_m: NotNegative = 0.0022  # By how much the sole gives way under a stance (Vicon: 2 to 9 mm/s).
-    slip_m: Finite = 0.0010
-    slip_sd_m: NotNegative = 0.0010
-    shock_m_s2: NotNegative = 18.0
-    shock_rad_s: NotNegative = 90.0 * DEG
+    slip_m: Finite = 0.0010  # Forward slip in a stance (tenths of mm to mm: the sole creeps, the shoe on the foot).
+    slip_sd_m: NotNegative = 0.0010  # Its scatter.
+    shock_m_s2: NotNegative = 18.0  # Specific force that the heel strike adds at its peak (gdin: peaks of 3 to 9 g).
+    shock_rad_s: NotNegative = 90.0 * DEG  # Rate that it adds (gdin: most of the power below 24 Hz).
 
     def scaled(self, factors: Mapping[str, float], longer_swing: float) -> Gait:
         """Gait with fields times these factors, its swing longer by a share of the stride; no more than can be."""
@@ -142,48 +124,33 @@ def draw_usual(rng: np.random.Generator) -> float:
 
 @dataclass(frozen=True)
 class Scatter:
-    """How regular a walker is.
+    """How regular a walker is."""
 
-    Attributes
-    ----------
-    footprint_m, heading_rad : white scatter of the footprints about their place and of the feet's direction.
-    wander_m, pace : slow wandering of the center off its path, and relative changes of pace: standard deviations.
-    """
-
-    footprint_m: float = 0.015
-    heading_rad: float = 1.5 * DEG
-    wander_m: float = 0.05
-    pace: float = 0.03
+    footprint_m: float = 0.015  # White scatter of the footprints about their place.
+    heading_rad: float = 1.5 * DEG  # White scatter of the feet's direction.
+    wander_m: float = 0.05  # Slow wandering of the center off its path, standard deviation.
+    pace: float = 0.03  # Slow relative changes of pace, standard deviation.
 
 
 FORWARD_S_M, SIDEWAYS = (0.012, 0.008), 0.010
 """Of moving feet, mean and standard deviation (Vicon, medians of 26 trials at the stillest instant of our stances: 5 to
 10 mm/s at 0.8 m/s, 7 to 39 at 1.3, 27 to 59 at 2.0; to the side within 2 % of the speed, in five trials 3 %)."""
 
-Motion: TypeAlias = Annotated[float, Field(ge=-0.1, le=0.1)]
-"""No foot that is walked on moves faster."""
+MoveShare: TypeAlias = Annotated[float, Field(ge=-0.1, le=0.1)]  # No foot that is walked on moves faster.
 
 
 @dataclass(frozen=True)
 class Person(Checked):
-    """Gaits of a person, one a style, and how it stands.
-
-    Attributes
-    ----------
-    rocking_rad_s : rms rate at which a foot that does not come to rest rocks on its sole (assumed; with what it turns
-        besides, 4 to 9 deg/s in a heel).
-    forward_s_m, sideways : velocity with which a foot that is walked on moves on at its stillest instant: forward by so
-        much times the square of the walking speed, outward by so much of it (none; `with_moving_feet` draws them).
-    """
+    """Gaits of a person, one a style, and how it stands."""
 
     walk: Gait = Gait()  # By `Style`.
     run: Gait = _RUN
     stairs_up: Gait = _STAIRS_UP
     stairs_down: Gait = _STAIRS_DOWN
     turn: Gait = _TURN
-    rocking_rad_s: NotNegative = 5.5 * DEG
-    forward_s_m: Motion = 0.0
-    sideways: Motion = 0.0
+    rocking_rad_s: NotNegative = 5.5 * DEG  # Rms rate of a sole that does not come to rest (assumed).
+    forward_s_m: MoveShare = 0.0  # Times the squared walking speed: how a loaded foot moves on at its stillest instant.
+    sideways: MoveShare = 0.0  # Times the walking speed: likewise, outward (none; `with_moving_feet` draws both).
     side: float = 1.0  # 1 of a right foot, -1 of a left one: what is outward, and roll and yaw, in the other sense.
 
     def gait(self, style: Style) -> Gait:
@@ -222,15 +189,10 @@ class Person(Checked):
 
 @dataclass(frozen=True)
 class Mount(Checked):
-    """How a sensor sits on the foot.
-
-    Attributes
-    ----------
-    tilt_rad, tilt_sd_rad : roll, pitch and yaw of the sensor's axes in the foot frame, mean and scatter over mountings.
-    """
+    """How a sensor sits on the foot."""
 
     lever_m: Triple  # From the pivot to the sensor, foot frame, mean and scatter over mountings and feet.
-    tilt_rad: Triple = (0.0, 0.0, 0.0)
+    tilt_rad: Triple = (0.0, 0.0, 0.0)  # Roll, pitch, yaw of its axes in the foot frame, mean and scatter.
     tilt_sd_rad: Spread = (0.0, 0.0, 0.0)
     shock: NotNegative = 1.0  # Strength of the gait's shock at this place, the instep being 1.
     unrest: NotNegative = 1.0  # How much of what a foot turns in stance reaches this place, the instep being 1.

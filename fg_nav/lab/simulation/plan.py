@@ -102,19 +102,13 @@ Along: TypeAlias = Callable[[Floats], tuple[Floats, Floats]]
 
 @dataclass(frozen=True)
 class Leg:
-    """What a section comes down to: n strides of the right foot.
-
-    Attributes
-    ----------
-    halves : whether the first and the last are half strides, out of standing and into it.
-    marks : landmarks with the footprint of this leg (0 = where it begins) that is nearest to each.
-    """
+    """What a section comes down to: n strides of the right foot."""
 
     along: Along  # Where the center is after 0 to n strides of this leg.
     duration: Floats  # (n,) s.
     style: Style  # Of all of them.
-    halves: tuple[bool, bool] = (False, False)
-    marks: tuple[tuple[str, int], ...] = ()
+    halves: tuple[bool, bool] = (False, False)  # Whether the first comes out of standing, the last goes into it.
+    marks: tuple[tuple[str, int], ...] = ()  # Landmarks with the nearest footprint of this leg (0 = where it begins).
     wait_s: float = 0.0  # Before the first stride.
 
     def __len__(self) -> int:

@@ -62,30 +62,25 @@ FLOOR_MAGNET_MOMENT = (0.0, 2.0, 1.0)
 
 @dataclass(frozen=True)
 class Scenario:
-    """A walk that can be simulated.
-
-    Attributes
-    ----------
-    course : draws the sections of the walk.
-    magnets : positions (3,) m of permanent magnets on the floor, with `FLOOR_MAGNET_MOMENT`.
-    aligned : a sensor in a pocket sits as the thigh does, x forward and z along the bone, as strapped to it; otherwise
-        it is turned as drawn by the seed. Nothing to sensors elsewhere.
-    rests : whether the foot stands still between paths, rocks there, or does not stand at all: the recording then
-        begins in a stance of the first stride and ends in one of the last.
-    feet : whether feet that are walked on come to a stand in stance, but for rolling and slip, or move on as real ones.
-    """
+    """A walk that can be simulated."""
 
     name: str  # For people.
     summary: str
-    route: Route
+    route: Route  # Draws the sections of the walk.
     worn: Worn  # Where the sensor is; on a table it goes nowhere.
     sensor: str | SensorPrior  # Its preset (`fg_nav.lab.simulation.sensors`), or a prior of your own.
     site: str = "munich"  # Where on Earth: a site of Munoz Diaz' Table 1 or `latitude,longitude,YYYY-MM-DD`.
     field: str = "indoor"  # One of `FIELDS`.
-    magnets: tuple[tuple[float, float, float], ...] = ()
-    aligned: bool = False
-    rests: Rests = "still"
-    feet: Feet = "still"
+    magnets: tuple[tuple[float, float, float], ...] = ()  # Of `FLOOR_MAGNET_MOMENT` on the floor, m.
+    aligned: bool = (
+        False  # Whether a sensor in a pocket sits as the thigh does, as strapped to it, or as drawn by the seed.
+    )
+    rests: Rests = (
+        "still"  # Whether the foot stands still between paths, rocks there, or does not stand at all, even at the ends.
+    )
+    feet: Feet = (
+        "still"  # Whether feet that are walked on stand in stance, but for rolling and slip, or move on as real ones.
+    )
 
     @property
     def prior(self) -> SensorPrior:

@@ -84,29 +84,20 @@ LEGS: Mapping[Style, Leg] = {
 
 @dataclass(frozen=True)
 class Pocket(Checked):
-    """How a sensor sits in a pocket.
+    """How a sensor sits in a pocket."""
 
-    Attributes
-    ----------
-    tilt_rad : standard deviation, per axis, of the constant rotation between thigh and sensor, drawn once.
-    """
-
-    tilt_rad: NotNegative = 12.0 * DEG
+    tilt_rad: NotNegative = 12.0 * DEG  # Constant rotation between thigh and sensor, standard deviation per axis.
     posture_rad: NotNegative = 0.1 * DEG  # Slow sway of the thigh, standard deviation per axis.
     ringing: NotNegative = 1.0  # Strength of what a contact leaves.
 
 
 @dataclass(frozen=True)
 class ThighMotion:
-    """A walk of one thigh; a `Motion`.
+    """A walk of one thigh; a `Motion`."""
 
-    `hip` is a spline of the hip's position (3) m, `angles` one of roll, pitch, yaw (3) rad; `thigh_R_body` (3, 3) is
-    how the sensor sits.
-    """
-
-    hip: BSpline
-    angles: BSpline
-    thigh_R_body: Floats
+    hip: BSpline  # Position (3) m.
+    angles: BSpline  # Roll, pitch and yaw (3) rad.
+    thigh_R_body: Floats  # (3, 3), how the sensor sits.
 
     def at(self, t: Floats) -> Kinematics:
         """Exact state at the instants `t` (N,) s."""

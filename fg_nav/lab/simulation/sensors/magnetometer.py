@@ -55,12 +55,8 @@ def check_rows(name: str, value: Floats, t: Floats) -> None:
 
 
 def average_units(values: list[Floats]) -> Floats:
-    """Average arrays of one shape, adding up in place."""
-    total = values[0].copy()
-    for value in values[1:]:
-        total += value
-    total /= len(values)
-    return total
+    """Average arrays of one shape."""
+    return np.asarray(np.mean(values, axis=0))
 
 
 MA_OFFSET_UT = (13.795, 7.526)  # Hard iron of Ma's Table 1, 2-D method, along the levelled x and y axes, uT.
