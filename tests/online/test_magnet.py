@@ -73,14 +73,14 @@ def test_its_compass_weighs_next_to_nothing():
     assert 0.0 < disturbed.compass_weight[AT] < 0.2
     np.testing.assert_allclose(disturbed.nav_R_body[AT], unseen.nav_R_body[AT], atol=1e-3)
     np.testing.assert_allclose(*(np.diagonal(one.pose_cov[AT]) for one in (disturbed, unseen)), rtol=0.01)
-    assert walked(0.0, compass_alone=True).causal().heading_sigma[AT] < 0.97 * disturbed.heading_sigma[AT]
+    assert walked(0.0, compass_alone=True).causal().heading_sigma[AT] < 0.985 * disturbed.heading_sigma[AT]
 
 
 def test_the_heading_stays():
-    """By what the footfalls in the window of the gate, which weigh less, would have shown of it: one sigma of that."""
+    """By what the footfalls in the window of the gate, which weigh less, would have shown of it: two sigmas of that."""
     past, without = (one.causal().heading_sigma for one in (past_a_magnet(), without_magnet()))
     lost = np.degrees(np.sqrt(np.maximum(past**2 - without**2, 0.0)))
-    assert (np.abs(headings(past_a_magnet()) - headings(without_magnet())) < lost + 0.05).all()
+    assert (np.abs(headings(past_a_magnet()) - headings(without_magnet())) < 2 * lost + 0.05).all()
     np.testing.assert_allclose(past_a_magnet().causal().position, without_magnet().causal().position, atol=0.05)
 
 

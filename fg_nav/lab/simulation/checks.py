@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from functools import cache
-from typing import Annotated, Any, TypeAlias, get_type_hints
+from typing import Annotated, Any, TypeAlias, cast, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 
@@ -28,13 +28,15 @@ class Checked:
     def __post_init__(self) -> None:
         """Check all fields."""
         try:
-            _find_model(type(self)).model_validate({item.name: getattr(self, item.name) for item in fields(self)})
+            _find_model(cast(Any, type(self))).model_validate(
+                {item.name: getattr(self, item.name) for item in fields(self)}
+            )
         except ValidationError as error:
             raise SimulationError(f"{describe_wrong(error)[:-1]} in a {type(self).__name__}.") from None
 
 
 @cache
-def _find_model(kind: type[Checked]) -> type[BaseModel]:
+def _find_model(kind: Any) -> type[BaseModel]:
     hints = get_type_hints(kind, include_extras=True)
     config = ConfigDict(strict=True, arbitrary_types_allowed=True)
     columns: dict[str, Any] = {item.name: (hints[item.name], ...) for item in fields(kind)}
