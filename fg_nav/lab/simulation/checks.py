@@ -27,10 +27,9 @@ class Checked:
 
     def __post_init__(self) -> None:
         """Check all fields."""
+        values = {item.name: getattr(self, item.name) for item in fields(self)}
         try:
-            _find_model(cast(Any, type(self))).model_validate(
-                {item.name: getattr(self, item.name) for item in fields(self)}
-            )
+            _find_model(cast(Any, type(self))).model_validate(values)
         except ValidationError as error:
             raise SimulationError(f"{describe_wrong(error)[:-1]} in a {type(self).__name__}.") from None
 

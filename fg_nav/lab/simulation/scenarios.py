@@ -3,9 +3,6 @@
 A scenario is a default for each of these; `Choices` replaces any of them. Sensor and place are those of the paper that
 the scenario comes from. Ma's and Zhang's sensors sit in the heel of a shoe, Munoz Diaz' in the trouser pocket; the
 others are on the instep, as in the real walks that this project is tested on.
-
-Fields are the levels of `fg_nav.lab.simulation.fields.building`, and, for a street, iron cylinders for lamps and
-cars.
 """
 
 from __future__ import annotations
