@@ -120,8 +120,9 @@ def ma_table_1(level_R_body: Floats | None = None) -> IronPrior:
 
 def make_iron(hard_uT: Floats, soft: Floats | None = None) -> IronPrior:
     """Make exactly this iron: `hard_uT` (3,) and `soft` (3, 3), the latter none if left out."""
-    rows = np.eye(3) if soft is None else soft
-    return IronPrior(hard_uT=tuple(map(float, hard_uT)), soft=tuple(tuple(map(float, row)) for row in rows))
+    x, y, z = map(float, hard_uT)
+    a, b, c = ((float(i), float(j), float(k)) for i, j, k in (np.eye(3) if soft is None else soft))
+    return IronPrior(hard_uT=(x, y, z), soft=(a, b, c))
 
 
 @dataclass(frozen=True)
