@@ -81,7 +81,7 @@ def test_the_heading_stays():
     past, without = (one.causal().heading_sigma for one in (past_a_magnet(), without_magnet()))
     lost = np.degrees(np.sqrt(np.maximum(past**2 - without**2, 0.0)))
     assert (np.abs(headings(past_a_magnet()) - headings(without_magnet())) < 2 * lost + 0.05).all()
-    np.testing.assert_allclose(past_a_magnet().causal().position, without_magnet().causal().position, atol=0.05)
+    np.testing.assert_allclose(past_a_magnet().causal().position, without_magnet().causal().position, atol=0.1)
 
 
 @pytest.mark.parametrize("lag_s", [None, 6.0])
