@@ -1,6 +1,6 @@
 """Simulated walks for tests: whose foot, what sensor on it, and all that is true about it.
 
-`PERSON` is the library's default person, whose foot is hit, trembles and slips. Tests of what an estimator can know
+`PERSON` is the library's default person, whose foot is hit and slips. Tests of what an estimator can know
 take the `QUIET` one, whose foot rolls about its pivot on a soft sole and does nothing else. `RIGID` has a hard sole.
 """
 
@@ -17,16 +17,13 @@ from scipy.spatial.transform import Rotation
 from fg_nav.arrays import Floats
 from fg_nav.lab.simulation import routes
 from fg_nav.lab.simulation.foot import FootMotion, build_foot_motion
-from fg_nav.lab.simulation.motion import Bursts, Ramps, Strides, Style
-from fg_nav.lab.simulation.mount import INSTEP, Mount
+from fg_nav.lab.simulation.motion import Ramps, Strides, Style
 from fg_nav.lab.simulation.path import straight
-from fg_nav.lab.simulation.person import Gait, Person, Shock
+from fg_nav.lab.simulation.person import INSTEP, Gait, Mount, Person
 from fg_nav.lab.simulation.plan import Section, Stand, Walk, plan
 from fg_nav.lab.simulation.sensors import SensorPrior, preset
 from fg_nav.recording import Recording
 from fg_nav.truth import TrajectoryTruth
-
-NO_SHOCK = Shock(0.0, 0.0, 20.0, 0.1)
 
 
 def every_gait(person: Person, **changes: object) -> Person:
@@ -36,21 +33,17 @@ def every_gait(person: Person, **changes: object) -> Person:
 
 
 PERSON = Person()
-QUIET = every_gait(
-    PERSON,
-    **dict.fromkeys(("strike", "crack", "slap", "toe_off", "tremor"), NO_SHOCK),
-    **dict.fromkeys(("slip_m", "slip_sd_m", "slip_sideways_m"), 0.0),
-)
-RIGID = every_gait(QUIET, sole_m=0.0, sole_sd_m=0.0)
+QUIET = every_gait(PERSON, slip_m=0.0, slip_sd_m=0.0, shock_m_s2=0.0, shock_rad_s=0.0)
+RIGID = every_gait(QUIET, sole_m=0.0)
 
-FIRM = replace(INSTEP, lever_sd_m=(0.0, 0.0, 0.0), tilt_sd_rad=(0.0, 0.0, 0.0), ringing=NO_SHOCK)
-"""On the instep as the library has it, the same in all walks, and tied so that it does not ring."""
+FIRM = replace(INSTEP, lever_sd_m=(0.0, 0.0, 0.0), tilt_sd_rad=(0.0, 0.0, 0.0))
+"""On the instep as the library has it, the same in all walks."""
 
 LEVER = tuple(float(x) for x in FIRM.foot_R_body.T @ FIRM.lever_m)
 """From the pivot to a `FIRM` sensor, in the sensor's axes."""
 
 WALKERS = pytest.mark.parametrize(("person", "mount"), [(QUIET, FIRM), (PERSON, INSTEP)], ids=["quiet", "real"])
-"""One whose foot rolls and does nothing else, and one whose foot is hit, trembles and slips."""
+"""One whose foot rolls and does nothing else, and one whose foot is hit and slips."""
 
 INDUSTRIAL = replace(preset("demo"), mag=None)  # White noise and constant biases.
 
@@ -151,6 +144,5 @@ def turning_foot(lever_m: Sequence[float] | Floats, turns: Sequence[Ramps], up: 
     """A foot that turns by these ramps of roll, pitch and yaw about a pivot that only rises and sinks."""
     nothing = np.zeros(0)
     still = Ramps(nothing, nothing, nothing)
-    bursts = Bursts(nothing, nothing, nothing, nothing, np.zeros((0, 6)))
     up = still if up is None else up
-    return FootMotion(still, still, up, *turns, bursts, np.array(lever_m), np.eye(3), np.zeros((0, 2)))
+    return FootMotion(still, still, up, *turns, np.array(lever_m), np.eye(3), np.zeros((0, 2)))

@@ -13,8 +13,8 @@ from fg_nav.detection.rest import estimate_lever, find_start, freeze_ends
 from fg_nav.detection.stance import Stances
 from fg_nav.frames import GRAVITY_M_S2, compute_heading
 from fg_nav.lab.simulation.motion import Ramps, Style
-from fg_nav.lab.simulation.mount import INSTEP
 from fg_nav.lab.simulation.path import straight
+from fg_nav.lab.simulation.person import INSTEP
 from fg_nav.lab.simulation.plan import Stand, Walk
 from fg_nav.recording import Recording
 from tests.simulated import FIRM, PERSON, QUIET, RIGID, WALKERS, mounted, simulated, straight_walk, turning_foot

@@ -19,8 +19,7 @@ from fg_nav.errors import EstimationError
 from fg_nav.estimators import choose_parameters
 from fg_nav.frames import compute_heading, wrap_angle, yaw_rotation
 from fg_nav.lab.simulation import scenario, simulate
-from fg_nav.lab.simulation.fields import magnet
-from fg_nav.lab.simulation.fields.sources import Dipoles
+from fg_nav.lab.simulation.fields import Dipoles, magnet
 from fg_nav.lab.simulation.path import straight
 from fg_nav.lab.simulation.plan import Stand
 from fg_nav.lab.simulation.plan import Walk as Walking

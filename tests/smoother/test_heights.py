@@ -14,8 +14,8 @@ import pytest
 from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
 from fg_nav.io import read
-from fg_nav.lab.simulation.mount import INSTEP
 from fg_nav.lab.simulation.path import polyline
+from fg_nav.lab.simulation.person import INSTEP
 from fg_nav.lab.simulation.plan import Section, Stairs, Stand, TurnOnSpot, Walk
 from fg_nav.lab.simulation.routes import stairs
 from fg_nav.online import OnlineNavigator

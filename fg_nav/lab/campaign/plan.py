@@ -35,7 +35,8 @@ from fg_nav.lab.campaign.walks import (
     find_walks,
 )
 from fg_nav.lab.simulation import scenario
-from fg_nav.lab.simulation.scenario_file import SUFFIX, shorten
+from fg_nav.lab.simulation.checks import shorten
+from fg_nav.lab.simulation.scenario_file import SUFFIX
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.lab.store.results import Key
 from fg_nav.text import Scalar, read_small

@@ -6,11 +6,11 @@ Data flow, one file or package each:
 `path`, `routes`                paths over the ground; the routes of the named scenarios
 `plan` -> `motion.Strides`      from sections of a walk to footprints, times and styles
 `person`                        gait of a person, and where a sensor sits on the shoe
-`steps`, `foot`, `thigh`        from strides to the motion of the sensor, in closed form (`motion`)
+`foot`, `thigh`                 from strides to the motion of the sensor, in closed form (`motion`)
 `fields`                        the Earth's field and what steel does to it
 `sensors`                       measurements of rate, force and field, with all their errors
 `scenarios`, `walk`             the named scenarios, and `simulate`, which puts all together
-`left_foot`, `feet`             strides of the other foot beside the first one, and `simulate_feet`: a sensor on each
+`feet`                          strides of the other foot beside the first one, and `simulate_feet`: a sensor on each
 =============================== ======================================================================
 
 >>> walk = simulate("office", seed=1)

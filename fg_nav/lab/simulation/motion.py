@@ -10,16 +10,20 @@ A *ramp* takes a coordinate from 0 to its rise within [start, start + width],
     S(u) = 35 u^4 - 84 u^5 + 70 u^6 - 20 u^7,    u = (t - start) / width in [0, 1],
 
 and leaves it there. The first three derivatives of S vanish at both ends, so a sum of ramps has a continuous
-third derivative: rate and specific force are smooth. Its velocity is a bell; bells side by side make any curve.
-
-A *burst* is an oscillation that swells and dies within [start, start + width],
-
-    a w(u) sin(omega (t - start) + phase),    w(u) = u^4 (1 - u)^8 / c,    max w = 1 at u = 1/3.
-
-It begins and ends at zero with three derivatives: after it neither velocity nor position is left.
+third derivative: rate and specific force are smooth. Its velocity is a bell; bells side by side make any curve. A
+rise that is taken back at once is a shock, which leaves neither velocity nor position behind.
 
 At rising instants a pointer moves along with t; each value depends on its t alone, however the instants are cut
 into blocks.
+
+Foot and thigh are rigid bodies (frame b: x forward, y left, z up) that turn about a point p0; the sensor sits at a
+lever r from it:
+
+    p = p0 + nav_R_b r,    nav_R_b = Rz(yaw) Ry(pitch) Rx(roll),    nav_R_body = nav_R_b b_R_body.
+
+With w the rate of b in its own frame the derivatives by time are exact:
+
+    v = p0' + nav_R_b (w x r),    f = nav_R_b^T (p0'' + g up) + w' x r + w x (w x r).
 """
 
 from __future__ import annotations
@@ -33,6 +37,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import SimulationError
+from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.system.compiled import njit
 
 
@@ -48,24 +53,14 @@ class Style(IntEnum):
 
 @dataclass(frozen=True)
 class Strides:
-    """K strides of one foot; in pauses between them it stands.
+    """K strides of one foot; in pauses between them it stands."""
 
-    Attributes
-    ----------
-    start, duration : (K,) s; a stride lasts from the beginning of its swing (heel-off) to the end of the stance
-        after it, so that start[k] + duration[k] <= start[k + 1]; the rest is standing.
-    footprint : (K + 1, 3) m, where the foot stands before stride 0 and after each; z is the height of the floor.
-    heading : (K + 1,) rad clockwise from north, of the foot at each footprint; unwrapped.
-    style : (K,) of `Style`.
-    end_s : when the recording ends; the foot stands from the last stride's end to then.
-    """
-
-    start: Floats
-    duration: Floats
-    footprint: Floats
-    heading: Floats
-    style: Ints
-    end_s: float
+    start: Floats  # (K,) s, heel-off; start[k] + duration[k] <= start[k + 1], the rest is standing.
+    duration: Floats  # (K,) s to the end of the stance after the swing.
+    footprint: Floats  # (K + 1, 3) m, before stride 0 and after each; z is the height of the floor.
+    heading: Floats  # (K + 1,) rad clockwise from north, of the foot at each footprint; unwrapped.
+    style: Ints  # (K,) of `Style`.
+    end_s: float  # When the recording ends; the foot stands from the last stride's end to then.
 
     def __len__(self) -> int:
         return len(self.start)
@@ -73,17 +68,43 @@ class Strides:
 
 @dataclass(frozen=True)
 class Kinematics:
-    """State of the sensor at N instants.
+    """State of the sensor at N instants."""
 
-    `position` (N, 3) m and `velocity` (N, 3) m/s in nav, `nav_R_body` (N, 3, 3), `rate` (N, 3) rad/s and
-    specific `force` (N, 3) m/s^2 in the body frame.
-    """
+    position: Floats  # (N, 3) m in nav.
+    velocity: Floats  # (N, 3) m/s in nav.
+    nav_R_body: Floats  # (N, 3, 3).
+    rate: Floats  # (N, 3) rad/s in the body frame.
+    force: Floats  # (N, 3) m/s^2, specific, in the body frame.
 
-    position: Floats
-    velocity: Floats
-    nav_R_body: Floats
-    rate: Floats
-    force: Floats
+
+def compute_kinematics(moved: Floats, lever_m: Floats, b_R_body: Floats) -> Kinematics:
+    """State of a sensor on a rigid body whose point and roll, pitch, yaw (3, N, 6) come with two derivatives."""
+    (sr, sp, sy), (cr, cp, cy) = np.sin(moved[0, :, 3:]).T, np.cos(moved[0, :, 3:]).T
+    (r, p, y), (rr, pp, yy) = moved[1, :, 3:].T, moved[2, :, 3:].T
+    nav_R_b = np.empty((moved.shape[1], 3, 3))
+    nav_R_b[:, 0] = np.stack([cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr], axis=1)
+    nav_R_b[:, 1] = np.stack([sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr], axis=1)
+    nav_R_b[:, 2] = np.stack([-sp, cp * sr, cp * cr], axis=1)
+    # rate in b and its derivative
+    w = np.stack([r - y * sp, p * cr + y * cp * sr, -p * sr + y * cp * cr], axis=1)
+    p_change = pp * cr - p * r * sr + yy * cp * sr - y * p * sp * sr + y * r * cp * cr
+    y_change = -pp * sr - p * r * cr + yy * cp * cr - y * p * sp * cr - y * r * cp * sr
+    dw = np.stack([rr - yy * sp - y * p * cp, p_change, y_change], axis=1)
+    arm_velocity = _cross(w, lever_m)
+    lift = moved[2, :, :3] + [0.0, 0.0, GRAVITY_M_S2]
+    force = np.einsum("nji,nj->ni", nav_R_b, lift) + _cross(dw, lever_m) + _cross(w, arm_velocity)
+    return Kinematics(
+        position=moved[0, :, :3] + nav_R_b @ lever_m,
+        velocity=moved[1, :, :3] + np.einsum("nij,nj->ni", nav_R_b, arm_velocity),
+        nav_R_body=nav_R_b @ b_R_body,
+        rate=w @ b_R_body,
+        force=force @ b_R_body,
+    )
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    (ax, ay, az), (bx, by, bz) = a.T, b.T
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
 
 
 def average_over_period(motion: Motion, t: Floats, period_s: float, nodes: int) -> tuple[Floats, Floats]:
@@ -112,11 +133,6 @@ class Motion(Protocol):
         ...
 
 
-PEAK = 1 / 3  # Where in a burst its window is largest.
-
-_WINDOW_PEAK = PEAK**4 * (1 - PEAK) ** 8
-
-
 @dataclass(frozen=True)
 class Ramps:
     """One coordinate that M ramps move: `start`, `width` (M,) s, in order of `start`; `rise` (M,) in its unit.
@@ -130,7 +146,8 @@ class Ramps:
     begun_at: float = 0.0
 
     def __post_init__(self) -> None:
-        _check_times(self.start, self.width, "ramp")
+        if not (np.isfinite(self.start).all() and np.isfinite(self.width).all() and (self.width > 0).all()):
+            raise SimulationError("a ramp has no time to happen in: give strides a positive, finite duration.")
 
     @classmethod
     def of(cls, start: Floats, width: Floats, rise: Floats, begun_at: float = 0.0) -> Ramps:
@@ -141,7 +158,9 @@ class Ramps:
 
     def at(self, t: Floats) -> Floats:
         """Value, first and second derivative by time (3, N) at rising `t` (N,) s."""
-        check_rising(t)
+        if len(t) > 1 and not (t[1:] >= t[:-1]).all():
+            late = int(np.argmin(t[1:] >= t[:-1])) + 1
+            raise SimulationError(f"instant {late} ({t[late]:.3f} s) is before the one ahead of it: sort the instants.")
         return np.asarray(_ramps_at(t, self.start, self.width, self.rise, self._done, self._over))
 
     @cached_property
@@ -151,67 +170,8 @@ class Ramps:
 
     @cached_property
     def _over(self) -> Floats:
-        return _over(self.start, self.width)
-
-
-@dataclass(frozen=True)
-class Bursts:
-    """M bursts of C coordinates: `start`, `width` (M,) s, `omega` (M,) rad/s, `phase` (M,) rad, `amplitude` (M, C)."""
-
-    start: Floats
-    width: Floats
-    omega: Floats
-    phase: Floats
-    amplitude: Floats
-
-    def __post_init__(self) -> None:
-        _check_times(self.start, self.width, "burst")
-
-    @classmethod
-    def of(cls, start: Floats, width: Floats, omega: Floats, phase: Floats, amplitude: Floats) -> Bursts:
-        """Bursts in any order; those without amplitude are left out."""
-        kept = np.flatnonzero(amplitude.any(axis=1))
-        order = kept[np.argsort(start[kept], kind="stable")]
-        return cls(start[order], width[order], omega[order], phase[order], np.ascontiguousarray(amplitude[order]))
-
-    def at(self, t: Floats) -> Floats:
-        """Value, first and second derivative by time (3, N, C) at rising `t` (N,) s."""
-        check_rising(t)
-        return np.asarray(_bursts_at(t, self.start, self.width, self.omega, self.phase, self.amplitude, self._over))
-
-    @cached_property
-    def _over(self) -> Floats:
-        return _over(self.start, self.width)
-
-
-def check_rising(t: Floats) -> None:
-    """Raise `SimulationError` where the instants `t` (N,) do not rise."""
-    if len(t) > 1 and not (t[1:] >= t[:-1]).all():
-        late = int(np.argmin(t[1:] >= t[:-1])) + 1
-        raise SimulationError(f"instant {late} ({t[late]:.3f} s) is before the one ahead of it: sort the instants.")
-
-
-def _check_times(start: Floats, width: Floats, name: str) -> None:
-    if not (np.isfinite(start).all() and np.isfinite(width).all() and (width > 0).all()):
-        raise SimulationError(f"a {name} has no time to happen in: give strides a positive, finite duration.")
-    if (np.diff(start) < 0).any():
-        raise SimulationError(f"the {name}s are not in order of their start: sort them, or use `of`.")
-
-
-def _over(start: Floats, width: Floats) -> Floats:
-    """When each piece and all before it are over (M,): pieces differ in width, so later ones may end first."""
-    return np.maximum.accumulate(start + width)
-
-
-@njit(cache=True)
-def _under_way(t: float, start: Floats, over: Floats, first: int, stop: int) -> tuple[int, int]:
-    """Move the window of pieces that are begun and not over on to the instant `t`."""
-    while first < len(over) and over[first] <= t:
-        first += 1
-    stop = max(stop, first)
-    while stop < len(start) and start[stop] < t:
-        stop += 1
-    return first, stop
+        """When each and all before it are over (M,): they differ in width, so later ones may end first."""
+        return np.maximum.accumulate(self.start + self.width)
 
 
 @njit(cache=True)
@@ -219,7 +179,12 @@ def _ramps_at(t: Floats, start: Floats, width: Floats, rise: Floats, done: Float
     out = np.zeros((3, len(t)))
     first = stop = np.searchsorted(over, t[0], side="right") if len(t) else 0
     for n in range(len(t)):
-        first, stop = _under_way(t[n], start, over, first, stop)
+        # move the window of ramps that are begun and not over on to this instant
+        while first < len(over) and over[first] <= t[n]:
+            first += 1
+        stop = max(stop, first)
+        while stop < len(start) and start[stop] < t[n]:
+            stop += 1
         value, slope, bend = done[first], 0.0, 0.0
         for k in range(first, stop):
             u = (t[n] - start[k]) / width[k]
@@ -232,32 +197,4 @@ def _ramps_at(t: Floats, start: Floats, width: Floats, rise: Floats, done: Float
             slope += rise[k] / width[k] * 140.0 * uv * uv * uv
             bend += rise[k] / (width[k] * width[k]) * 420.0 * uv * uv * (v - u)
         out[0, n], out[1, n], out[2, n] = value, slope, bend
-    return out
-
-
-@njit(cache=True)
-def _bursts_at(
-    t: Floats, start: Floats, width: Floats, omega: Floats, phase: Floats, amplitude: Floats, over: Floats
-) -> Floats:
-    out = np.zeros((3, len(t), amplitude.shape[1]))
-    first = stop = np.searchsorted(over, t[0], side="right") if len(t) else 0
-    for n in range(len(t)):
-        first, stop = _under_way(t[n], start, over, first, stop)
-        for k in range(first, stop):
-            u = (t[n] - start[k]) / width[k]
-            if u >= 1.0:
-                continue
-            v = 1.0 - u
-            w0 = u**4 * v**8 / _WINDOW_PEAK
-            # w'/w = 4/u - 8/v, kept free of divisions
-            w1 = u**3 * v**7 * (4.0 - 12.0 * u) / (_WINDOW_PEAK * width[k])
-            w2 = u**2 * v**6 * (12.0 - 88.0 * u + 132.0 * u * u) / (_WINDOW_PEAK * width[k] ** 2)
-            angle = omega[k] * (t[n] - start[k]) + phase[k]
-            s, c = np.sin(angle), omega[k] * np.cos(angle)
-            value, slope = w0 * s, w1 * s + w0 * c
-            bend = w2 * s + 2.0 * w1 * c - w0 * omega[k] ** 2 * s
-            for j in range(amplitude.shape[1]):
-                out[0, n, j] += amplitude[k, j] * value
-                out[1, n, j] += amplitude[k, j] * slope
-                out[2, n, j] += amplitude[k, j] * bend
     return out

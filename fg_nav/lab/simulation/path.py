@@ -2,8 +2,8 @@
 
 Symbols: arc length s (m, as on a map: height does not count), position (x, y, z) in nav, heading h (rad, clockwise
 from north, unwrapped), curvature dh/ds (1/m, positive to the right). A path is a row of knots (s, position, heading).
-Between two of them heading and height are linear in s and the position is the cubic with the knots' tangents, so that
-dx/ds = sin h and dy/ds = cos h. A piece of constant curvature dh/ds has the chord
+Between two of them the heading is linear in s and the position the cubic with the knots' tangents (Hermite), dx/ds =
+sin h and dy/ds = cos h; the height is linear. A piece of constant curvature dh/ds has the chord
 
     ds sinc(dh / 2) in the direction of its mean heading,    sinc(a) = sin(a) / a,
 
@@ -15,11 +15,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import SimulationError
@@ -40,6 +41,22 @@ class Pose:
     heading: float
 
 
+def check_joint(what: str, end: Pose, start: Pose) -> float:
+    """Return by how many rad the next path sets out to another side than the last one ended, next to none.
+
+    Raises `SimulationError` for a gap of more than 1 mm or a kink of more than 1 mrad.
+    """
+    gap = float(np.linalg.norm(start.position - end.position))
+    if gap > GAP_M:
+        raise SimulationError(f"{what} leave a gap of {gap:.3g} m: move the second to the end of the first.")
+    kink = float(wrap_angle(np.array(start.heading - end.heading)))
+    if abs(kink) > KINK_RAD:
+        raise SimulationError(
+            f"{what} meet at an angle of {np.degrees(kink):.3g} deg: round the corner or turn on the spot."
+        )
+    return kink
+
+
 @dataclass(frozen=True)
 class Landmark:
     """A marked place of a path: its `name` and its arc length `arc` in m."""
@@ -52,20 +69,13 @@ class Landmark:
 class Path:
     """A curve over the ground.
 
-    Attributes
-    ----------
-    arc : (M,) m, rising from 0.
-    position : (M, 3) m.
-    heading : (M,) rad clockwise from north, unwrapped: the direction of the tangent.
-    landmarks : marked places.
-
     Raises `SimulationError` for knots that are not finite, fewer than two, not rising, or a landmark off the path.
     """
 
-    arc: Floats
-    position: Floats
-    heading: Floats
-    landmarks: tuple[Landmark, ...] = ()
+    arc: Floats  # (M,) m, rising from 0.
+    position: Floats  # (M, 3) m.
+    heading: Floats  # (M,) rad clockwise from north, unwrapped: the direction of the tangent.
+    landmarks: tuple[Landmark, ...] = ()  # Marked places.
 
     def __post_init__(self) -> None:
         if not all(np.isfinite(values).all() for values in (self.arc, self.position, self.heading)):
@@ -97,14 +107,13 @@ class Path:
     def at(self, arc: ArrayLike) -> tuple[Floats, Floats]:
         """Position (N, 3) m and heading (N,) rad at arc lengths (N,) m; beyond the ends, those of the ends."""
         s = np.clip(np.asarray(arc, dtype=np.float64), 0.0, self.length_m)
-        k = np.clip(np.searchsorted(self.arc, s, side="right") - 1, 0, len(self.arc) - 2)
-        step = np.diff(self.arc)[k]
-        u = (s - self.arc[k]) / step
-        position = self.position[k] + u[:, None] * (self.position[k + 1] - self.position[k])
-        position[:, :2] += _compute_bulge(
-            u, step, self.position[k + 1] - self.position[k], self.heading[k], self.heading[k + 1]
-        )
-        return position, self.heading[k] + u * (self.heading[k + 1] - self.heading[k])
+        height = np.interp(s, self.arc, self.position[:, 2])
+        return np.column_stack([self._level(s), height]), np.interp(s, self.arc, self.heading)
+
+    @cached_property
+    def _level(self) -> CubicHermiteSpline:
+        tangent = np.stack([np.sin(self.heading), np.cos(self.heading)], axis=1)
+        return CubicHermiteSpline(self.arc, self.position[:, :2], tangent)
 
     def curvature(self, arc: ArrayLike) -> Floats:
         """Curvature (N,) 1/m at `arc` (N,) m: constant between knots, positive to the right."""
@@ -138,14 +147,7 @@ class Path:
 
         Raises `SimulationError` for a gap of more than 1 mm, or a kink of more than 1 mrad, where they meet.
         """
-        gap = float(np.linalg.norm(other.start.position - self.end.position))
-        if gap > GAP_M:
-            raise SimulationError(f"Joined paths leave a gap of {gap:.3g} m: move the second to the end of the first.")
-        kink = float(wrap_angle(np.array(other.start.heading - self.end.heading)))
-        if abs(kink) > KINK_RAD:
-            raise SimulationError(
-                f"Joined paths meet at an angle of {np.degrees(kink):.3g} deg: round the corner or turn on the spot."
-            )
+        kink = check_joint("Joined paths", self.end, other.start)
         rounds = self.end.heading + kink - other.start.heading
         return Path(
             np.concatenate([self.arc, self.length_m + other.arc[1:]]),
@@ -155,10 +157,7 @@ class Path:
         )
 
     def repeat(self, n: int) -> Path:
-        """`n` laps of a path that ends where, and as, it begins; each crosses the landmarks again.
-
-        Raises `SimulationError` for less than one lap, or ends that do not meet.
-        """
+        """`n` laps of a path that ends where, and as, it begins; each crosses the landmarks again."""
         if n < 1:
             raise SimulationError(f"A path cannot be walked {n} times: ask for one lap or more.")
         if n == 1:
@@ -167,10 +166,7 @@ class Path:
         return half.then(half) if n % 2 == 0 else half.then(half).then(self)
 
     def part(self, begin: float, end: float) -> Path:
-        """The stretch between two arc lengths in m, with the landmarks on it.
-
-        Raises `SimulationError` for a stretch that is not on the path, or has no length.
-        """
+        """The stretch between two arc lengths in m, with its landmarks; raises `SimulationError` if it is none."""
         if not 0 <= begin < end <= self.length_m * (1 + 1e-12):
             raise SimulationError(f"A path of {self.length_m:g} m has no stretch from {begin:g} m to {end:g} m.")
         inside = (self.arc > begin) & (self.arc < end)
@@ -179,10 +175,7 @@ class Path:
         return Path(arc - begin, *self.at(arc), marks)
 
     def scale_to(self, length_m: float) -> Path:
-        """The path drawn larger or smaller about its start, corners and heights too, until it has this length.
-
-        Raises `SimulationError` for a length that is not positive.
-        """
+        """The path drawn larger or smaller about its start until it has this positive length, corners and all."""
         if not (np.isfinite(length_m) and length_m > 0):
             raise SimulationError(f"A path cannot be scaled to {length_m} m: give a positive length.")
         factor = length_m / self.length_m
@@ -193,42 +186,27 @@ class Path:
         return Path(arc, position, self.heading, marks)
 
     def with_landmarks(self, arcs: Sequence[float] | Floats, names: Sequence[str] | None = None) -> Path:
-        """The path with these landmarks only: arc lengths in m, and names (1, 2, ... without).
-
-        Raises `SimulationError` for a landmark off the path, or not one name for each.
-        """
+        """The path with landmarks at these arc lengths (m) only, and their names (1, 2, ... without)."""
         names = [str(i + 1) for i in range(len(arcs))] if names is None else names
-        if len(names) != len(arcs):
-            raise SimulationError(f"{len(arcs)} landmarks have {len(names)} names: give one for each.")
         marks = tuple(Landmark(name, float(arc)) for name, arc in zip(names, arcs, strict=True))
         return replace(self, landmarks=marks)
 
 
 def straight(length_m: float) -> Path:
-    """A line from the origin to the north.
-
-    Raises `SimulationError` for a length that is not positive.
-    """
+    """A line from the origin to the north; raises `SimulationError` for a length that is not positive."""
     return _bend(np.array([length_m]), np.array([0.0]))
 
 
 def arc(radius_m: float, angle: float) -> Path:
     """An arc from the origin that sets out to the north and turns by `angle` rad, clockwise if positive.
 
-    Raises `SimulationError` for a radius that is not positive, or no angle.
+    Raises `SimulationError` for a length of the arc that is not positive.
     """
-    if not radius_m > 0 or not np.isfinite(radius_m):
-        raise SimulationError(f"An arc cannot have a radius of {radius_m} m: give a positive one.")
     return _bend(np.array([radius_m * abs(angle)]), np.array([angle]))
 
 
 def polyline(points: ArrayLike, corner_radius_m: float) -> Path:
-    """Straight legs from point to point, the corners between them rounded.
-
-    Parameters
-    ----------
-    points : (K, 2) or (K, 3) m in nav; height is linear along each leg.
-    corner_radius_m : radius of the corners.
+    """Straight legs from point to point (K, 2 or 3) m in nav, the corners between them rounded; heights are linear.
 
     Raises `SimulationError` for fewer than two points, repeated ones, one that is not finite, a corner that does not
     fit between its neighbours, or a leg that goes straight back.
@@ -244,17 +222,17 @@ def polyline(points: ArrayLike, corner_radius_m: float) -> Path:
     corners = corner_radius_m * np.abs(turn)
     bent = _bend(_interleave(straights, corners), _interleave(np.zeros(len(leg_m)), turn))
     placed = bent.rotate(float(route[0])).translate(vertex[0])
-    return _lay_heights(placed, _interleave(straights, corners), vertex[:, 2])
+    # heights along legs (even pieces) and corners (odd ones): a vertex is in the middle of its corner
+    along = np.concatenate([[0.0], np.cumsum(_interleave(straights, corners))])
+    at_vertex = np.concatenate([[0.0], (along[1:-1:2] + along[2:-1:2]) / 2, [along[-1]]])
+    placed.position[:, 2] = np.interp(placed.arc, at_vertex, vertex[:, 2])
+    return placed
 
 
 def closed_curve(points: ArrayLike) -> Path:
-    """A smooth closed curve through points: begins and ends at the first, in the same direction.
+    """A smooth closed curve through K >= 3 points (K, 2 or 3) m; the first is not repeated at the end.
 
-    Parameters
-    ----------
-    points : (K, 2) or (K, 3) m in nav, K >= 3; the first is not repeated at the end.
-
-    Raises `SimulationError` for fewer than three points, repeated ones, or one that is not finite.
+    Raises `SimulationError` for fewer points, repeated ones, or one that is not finite.
     """
     vertex = _as_points(points)
     if len(vertex) < 3:
@@ -263,14 +241,7 @@ def closed_curve(points: ArrayLike) -> Path:
 
 
 def open_curve(points: ArrayLike) -> Path:
-    """A smooth curve through points, from the first to the last.
-
-    Parameters
-    ----------
-    points : (K, 2) or (K, 3) m in nav.
-
-    Raises `SimulationError` for fewer than two points, repeated ones, or one that is not finite.
-    """
+    """A smooth curve through points (K, 2 or 3) m, from the first to the last; raises as `closed_curve` does."""
     return _fit_curve(_as_points(points), "natural")
 
 
@@ -312,15 +283,6 @@ def _bend(length: Floats, turn: Floats) -> Path:
     return Path(np.concatenate([[0.0], np.cumsum(ds)]), np.vstack([np.zeros(3), np.cumsum(step, axis=0)]), heading)
 
 
-def _lay_heights(path: Path, pieces: Floats, height: Floats) -> Path:
-    """Heights (K,) m of the vertices laid along legs (even pieces) and corners (odd ones)."""
-    middle = np.concatenate([[0.0], np.cumsum(pieces)])
-    at_vertex = np.concatenate([[0.0], (middle[1:-1:2] + middle[2:-1:2]) / 2, [middle[-1]]])
-    position = path.position.copy()
-    position[:, 2] = np.interp(path.arc, at_vertex, height)
-    return replace(path, position=position)
-
-
 def _cut_corners(turn: Floats, leg_m: Floats, radius_m: float) -> Floats:
     """What each corner takes from its legs (K,) m, nothing at the ends of the path: r tan(turn / 2)."""
     if not (np.isfinite(radius_m) and radius_m > 0):
@@ -346,13 +308,6 @@ def _interleave(even: Floats, odd: Floats) -> Floats:
     both = np.zeros(len(even) + len(odd))
     both[::2], both[1::2] = np.where(np.abs(even) < 1e-9, 0.0, even), odd
     return both
-
-
-def _compute_bulge(u: Floats, step: Floats, chord: Floats, begin: Floats, end: Floats) -> Floats:
-    """What the cubic with tangents at `begin` and `end` (N,) rad adds to its chord (N, 3) m, at the share u; (N, 2)."""
-    early, late = (step[:, None] * np.stack([np.sin(h), np.cos(h)], axis=1) - chord[:, :2] for h in (begin, end))
-    bulge: Floats = (u * (1 - u))[:, None] * ((1 - u)[:, None] * early - u[:, None] * late)
-    return bulge
 
 
 def _as_points(points: ArrayLike) -> Floats:

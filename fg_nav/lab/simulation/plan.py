@@ -21,20 +21,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
+from pydantic import Field
 from scipy.signal import lfilter
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import SimulationError
 from fg_nav.frames import wrap_angle
+from fg_nav.lab.simulation.checks import Checked, Finite, Positive
 from fg_nav.lab.simulation.motion import Strides, Style
-from fg_nav.lab.simulation.path import GAP_M, KINK_RAD, Path, Pose
+from fg_nav.lab.simulation.path import GAP_M, KINK_RAD, Path, Pose, check_joint
 from fg_nav.lab.simulation.person import Gait, Person, Scatter
 
-MAX_STRIDE = 2.0
-MAX_PACE = 3.0  # No one makes strides longer than this many times the usual one, or goes this many times as fast.
+MAX_STRIDE = 2.0  # No one makes strides longer than this many times the usual one.
 MAX_STRIDES = 200_000  # Two days of walking, and more than a computer's memory likes.
 FLAT_SHARE = 0.85  # By this share of a stride the foot is down and flat in every manner of going.
 STEP_WIDTH_M = 0.18  # Between the lines on which left and right foot tread (adults: 0.10-0.20).
@@ -44,69 +45,43 @@ _TURN_RAD = 1.2  # By how much a foot turns in one stride on the spot: a right a
 
 
 @dataclass(frozen=True)
-class Stand:
+class Stand(Checked):
     """Standing still for `seconds`."""
 
-    seconds: float
-
-    def __post_init__(self) -> None:
-        _check_positive("stand for", self.seconds, "s")
+    seconds: Positive
 
 
 @dataclass(frozen=True)
-class Walk:
+class Walk(Checked):
     """Walking or running along a `path` of the body's center, in so many `strides` or, None, as the gait has it.
 
     `pace` : speed over the gait's usual one; half of it, as a power, goes into the strides' length.
     """
 
     path: Path
-    style: Style = Style.WALK
-    strides: int | None = None
-    pace: float = 1.0
-
-    def __post_init__(self) -> None:
-        if self.style not in (Style.WALK, Style.RUN):
-            raise SimulationError(
-                f"A path is walked or run, not gone in style {self.style!r}: use Stairs or TurnOnSpot."
-            )
-        _check_positive("walk at a pace of", self.pace, "times the usual one")
-        if self.pace > MAX_PACE:
-            raise SimulationError(
-                f"No one walks {self.pace:g} times as fast as usual: give a pace of at most {MAX_PACE:g}."
-            )
-        if self.strides is not None and self.strides < 1:
-            raise SimulationError(f"A path cannot be walked in {self.strides} strides: ask for one or more.")
+    style: Literal[Style.WALK, Style.RUN] = Style.WALK
+    strides: Annotated[int, Field(ge=1)] | None = None
+    pace: Annotated[float, Field(gt=0.0, le=3.0)] = 1.0  # no one goes more than three times as fast
 
 
 @dataclass(frozen=True)
-class Stairs:
+class Stairs(Checked):
     """A flight of so many stairs straight ahead, up or down, the landing included; one foot takes every second tread.
 
     `rise_m`, `tread_m` : height and depth of one, m (DIN 18065: 0.14-0.20 and 0.23-0.37).
     """
 
-    treads: int
-    rise_m: float = 0.17
-    tread_m: float = 0.29
+    treads: Annotated[int, Field(ge=1)]
+    rise_m: Positive = 0.17
+    tread_m: Positive = 0.29
     up: bool = True
-
-    def __post_init__(self) -> None:
-        if self.treads < 1:
-            raise SimulationError(f"Stairs cannot have {self.treads} treads: give one or more.")
-        _check_positive("climb stairs with a rise of", self.rise_m, "m")
-        _check_positive("climb stairs with treads of", self.tread_m, "m")
 
 
 @dataclass(frozen=True)
-class TurnOnSpot:
+class TurnOnSpot(Checked):
     """Turning by `angle` rad, clockwise if positive, without going anywhere."""
 
-    angle: float
-
-    def __post_init__(self) -> None:
-        if not np.isfinite(self.angle) or self.angle == 0:
-            raise SimulationError(f"Turning by {self.angle} rad is no turn: give an angle, positive to the right.")
+    angle: Finite
 
 
 Section: TypeAlias = Stand | Walk | Stairs | TurnOnSpot
@@ -127,24 +102,14 @@ Along: TypeAlias = Callable[[Floats], tuple[Floats, Floats]]
 
 @dataclass(frozen=True)
 class Leg:
-    """What a section comes down to: n strides of the right foot.
+    """What a section comes down to: n strides of the right foot."""
 
-    Attributes
-    ----------
-    along : where the center is after 0 to n strides of this leg.
-    duration : (n,) s.
-    style : of all of them.
-    halves : whether the first and the last are half strides, out of standing and into it.
-    marks : landmarks with the footprint of this leg (0 = where it begins) that is nearest to each.
-    wait_s : before the first stride.
-    """
-
-    along: Along
-    duration: Floats
-    style: Style
-    halves: tuple[bool, bool] = (False, False)
-    marks: tuple[tuple[str, int], ...] = ()
-    wait_s: float = 0.0
+    along: Along  # Where the center is after 0 to n strides of this leg.
+    duration: Floats  # (n,) s.
+    style: Style  # Of all of them.
+    halves: tuple[bool, bool] = (False, False)  # Whether the first comes out of standing, the last goes into it.
+    marks: tuple[tuple[str, int], ...] = ()  # Landmarks with the nearest footprint of this leg (0 = where it begins).
+    wait_s: float = 0.0  # Before the first stride.
 
     def __len__(self) -> int:
         return len(self.duration)
@@ -152,22 +117,13 @@ class Leg:
 
 @dataclass(frozen=True)
 class WalkPlan:
-    """A walk as planned.
+    """A walk as planned."""
 
-    Attributes
-    ----------
-    strides : of the right foot, K.
-    crossings : of the paths' landmarks, in order.
-    legs : of the sections.
-    start : of the body's center.
-    wander : (K + 1,) m, by which the center is to the right of its path at each footprint.
-    """
-
-    strides: Strides
-    crossings: tuple[Crossing, ...]
-    legs: tuple[Leg, ...]
-    start: Pose
-    wander: Floats
+    strides: Strides  # Of the right foot, K.
+    crossings: tuple[Crossing, ...]  # Of the paths' landmarks, in order.
+    legs: tuple[Leg, ...]  # Of the sections.
+    start: Pose  # Of the body's center.
+    wander: Floats  # (K + 1,) m, by which the center is to the right of its path at each footprint.
 
     @property
     def center(self) -> tuple[Floats, Floats]:
@@ -185,22 +141,19 @@ def plan(
 def plan_walk(
     sections: Sequence[Section], person: Person, rng: np.random.Generator, scatter: Scatter = Scatter()
 ) -> WalkPlan:
-    """Draw the strides of a right foot along the sections.
+    """Draw the strides of a right foot along the sections, one after the other.
 
-    Parameters
-    ----------
-    sections : one after the other; the first path says where the walk begins, else it is the origin, facing north.
-    person : whose gait it is.
-    rng : source of the variability.
-    scatter : how regular the walker is.
-
-    Raises `SimulationError` for no strides at all, sections that do not join, or strides that no person can make.
+    The first path says where the walk begins, else it is the origin, facing north; `scatter` is how regular the walker
+    is. Raises `SimulationError` for no strides at all, sections that do not join, or strides that no person can make.
     """
     if not any(not isinstance(section, Stand) for section in sections):
         raise SimulationError("The plan has no strides in it: add a Walk, Stairs or a TurnOnSpot.")
     start = _find_start(sections)
-    legs = tuple(_Walker(person, scatter, rng).make_legs(sections, start))
-    wander = _draw_wander(1 + sum(len(leg) for leg in legs), rng, scatter)
+    legs = tuple(_make_legs(sections, start, person, scatter, rng))
+    # by how much the center is to the right of its path; nothing at both ends
+    number = np.arange(1 + sum(len(leg) for leg in legs))
+    fade = np.minimum(np.minimum(number, number[::-1]) / SLOW_STRIDES, 1.0)
+    wander = fade * _draw_slow_change(scatter.wander_m, len(number), rng)
     footprint, toe = place_foot(*_join_centers(legs, start), STEP_WIDTH_M / 2 + wander, rng, scatter)
     strides = _make_strides(legs, footprint, toe)
     return WalkPlan(strides, _find_crossings(legs, strides), legs, start, wander)
@@ -231,56 +184,47 @@ def _find_start(sections: Sequence[Section]) -> Pose:
     return Pose(np.zeros(3), 0.0)
 
 
-class _Walker:
-    """A person on a walk, with all that varies from stride to stride."""
+def _make_legs(
+    sections: Sequence[Section], start: Pose, person: Person, scatter: Scatter, rng: np.random.Generator
+) -> Iterator[Leg]:
+    """The legs of the sections, in order."""
+    pose = start
+    for i, section in enumerate(sections):
+        if isinstance(section, Walk):
+            check_joint(f"The walk and section {i}", pose, section.path.start)
+            halves = _stands(sections, i - 1), _stands(sections, i + 1)
+            yield _draw_walking(section, pose, halves, person.gait(section.style), scatter, rng)
+        elif isinstance(section, Stairs):
+            # every second tread; with an odd number of them the first stride takes one
+            style = Style.STAIRS_UP if section.up else Style.STAIRS_DOWN
+            trodden = np.arange(section.treads, 0, -2, dtype=np.float64)[::-1]
+            yield Leg(_climb_along(section, trodden, pose), _draw_times(person.gait(style), len(trodden), rng), style)
+        elif isinstance(section, TurnOnSpot):
+            count = max(2, int(np.ceil(abs(section.angle) / _TURN_RAD)))
+            duration = _draw_times(person.gait(Style.TURN), count, rng)
+            yield Leg(_turn_at(pose, section.angle, count), duration, Style.TURN)
+        else:
+            yield Leg(_turn_at(pose, 0.0, 1), np.zeros(0), Style.WALK, wait_s=section.seconds)
+        pose = end_of(section, pose)
 
-    def __init__(self, person: Person, scatter: Scatter, rng: np.random.Generator) -> None:
-        self._person, self._rng = person, rng
-        self._pace = _SlowChange(scatter.pace, rng)
 
-    def make_legs(self, sections: Sequence[Section], start: Pose) -> Iterator[Leg]:
-        """The legs of the sections, in order."""
-        pose = start
-        for i, section in enumerate(sections):
-            if isinstance(section, Walk):
-                _check_joint(section.path.start, pose, i)
-                yield self._draw_walking(section, pose, (_stands(sections, i - 1), _stands(sections, i + 1)))
-            elif isinstance(section, Stairs):
-                yield self._draw_climbing(section, pose)
-            elif isinstance(section, TurnOnSpot):
-                yield self._draw_turning(section, pose)
-            else:
-                yield Leg(_stay_at(pose), np.zeros(0), Style.WALK, wait_s=section.seconds)
-            pose = end_of(section, pose)
+def _draw_walking(
+    section: Walk, pose: Pose, halves: tuple[bool, bool], gait: Gait, scatter: Scatter, rng: np.random.Generator
+) -> Leg:
+    """Strides along a path; `halves` says whether it begins and ends in standing."""
+    path = section.path
+    weight = _weigh_strides(_count_strides(section, gait, halves), halves)
+    faster = _draw_slow_change(scatter.pace, len(weight), rng) / 2
+    weight *= np.exp(faster) * _draw_times(gait, len(weight), rng)
+    arc = _find_arcs(path, np.concatenate([[0.0], np.cumsum(weight) / weight.sum()]))
+    duration = np.exp(-faster) / np.sqrt(section.pace) * _draw_times(gait, len(weight), rng)
+    marks = tuple((mark.name, int(np.argmin(np.abs(arc - mark.arc)))) for mark in path.landmarks)
+    return Leg(_go_along(path, arc, pose), duration, section.style, halves, marks)
 
-    def _draw_walking(self, section: Walk, pose: Pose, halves: tuple[bool, bool]) -> Leg:
-        """Strides along a path; `halves` says whether it begins and ends in standing."""
-        path, gait = section.path, self._person.gait(section.style)
-        weight = _weigh_strides(_count_strides(section, gait, halves), halves)
-        faster = self._pace.draw(len(weight)) / 2
-        weight *= np.exp(faster) * self._draw_variation(gait, len(weight))
-        arc = _find_arcs(path, np.concatenate([[0.0], np.cumsum(weight) / weight.sum()]))
-        duration = gait.stride_s / np.sqrt(section.pace) * np.exp(-faster) * self._draw_variation(gait, len(weight))
-        marks = tuple((mark.name, int(np.argmin(np.abs(arc - mark.arc)))) for mark in path.landmarks)
-        return Leg(_go_along(path, arc, pose), duration, section.style, halves, marks)
 
-    def _draw_climbing(self, section: Stairs, pose: Pose) -> Leg:
-        """Every second tread; with an odd number of them the first stride takes one."""
-        style = Style.STAIRS_UP if section.up else Style.STAIRS_DOWN
-        trodden = np.arange(section.treads, 0, -2, dtype=np.float64)[::-1]
-        gait = self._person.gait(style)
-        duration = gait.stride_s * self._draw_variation(gait, len(trodden))
-        return Leg(_climb_along(section, trodden, pose), duration, style)
-
-    def _draw_turning(self, section: TurnOnSpot, pose: Pose) -> Leg:
-        gait = self._person.gait(Style.TURN)
-        count = max(2, int(np.ceil(abs(section.angle) / _TURN_RAD)))
-        duration = gait.stride_s * self._draw_variation(gait, count)
-        return Leg(_turn_at(pose, section.angle, count), duration, Style.TURN)
-
-    def _draw_variation(self, gait: Gait, count: int) -> Floats:
-        """Factors (K,) about 1 with the gait's variation, none beyond three standard deviations."""
-        return 1 + gait.variation * np.clip(self._rng.standard_normal(count), -3.0, 3.0)
+def _draw_times(gait: Gait, count: int, rng: np.random.Generator) -> Floats:
+    """Stride times (K,) s with the gait's variation, none beyond three standard deviations."""
+    return gait.stride_s * (1 + gait.variation * np.clip(rng.standard_normal(count), -3.0, 3.0))
 
 
 def _stands(sections: Sequence[Section], i: int) -> bool:
@@ -322,10 +266,6 @@ def _find_arcs(path: Path, share: Floats) -> Floats:
     return arc
 
 
-def _stay_at(pose: Pose) -> Along:
-    return lambda number: (np.tile(pose.position, (len(number), 1)), np.full(len(number), pose.heading))
-
-
 def _go_along(path: Path, arc: Floats, pose: Pose) -> Along:
     """Along a path that begins at `pose`, `arc` (n + 1,) m being its arc lengths after whole strides."""
 
@@ -360,21 +300,12 @@ def _climb(section: Stairs, pose: Pose, treads: Floats) -> Floats:
     return place
 
 
-class _SlowChange:
-    """A stationary AR(1) process, drawn piece by piece: its standard deviation is `sd`."""
-
-    def __init__(self, sd: float, rng: np.random.Generator) -> None:
-        self._rng, self._sd = rng, sd
-        self._keep = float(np.exp(-1 / SLOW_STRIDES))
-        self._last = sd * float(rng.standard_normal())
-
-    def draw(self, count: int) -> Floats:
-        """The next `count` values."""
-        kick = self._sd * np.sqrt(1 - self._keep**2) * self._rng.standard_normal(count)
-        kick[0] += self._keep * self._last
-        values: Floats = lfilter([1.0], [1.0, -self._keep], kick)
-        self._last = float(values[-1])
-        return values
+def _draw_slow_change(sd: float, count: int, rng: np.random.Generator) -> Floats:
+    """A stationary AR(1) process (count,) of strides, of this standard deviation."""
+    keep = float(np.exp(-1 / SLOW_STRIDES))
+    kick = sd * np.sqrt(1 - keep**2) * rng.standard_normal(count)
+    kick[0] /= np.sqrt(1 - keep**2)
+    return np.asarray(lfilter([1.0], [1.0, -keep], kick))
 
 
 def _join_centers(legs: Sequence[Leg], start: Pose) -> tuple[Floats, Floats]:
@@ -388,7 +319,7 @@ def _make_strides(legs: Sequence[Leg], footprint: Floats, toe: Floats) -> Stride
     """Legs, one after the other, as strides from footprint (K + 1, 3) m to footprint, with their times."""
     duration = np.concatenate([leg.duration for leg in legs])
     wait = np.zeros(len(duration) + 1)
-    np.add.at(wait, _index_first_strides(legs), [leg.wait_s for leg in legs])
+    np.add.at(wait, _count_before(legs), [leg.wait_s for leg in legs])
     end = np.cumsum(wait[:-1] + duration)
     begin = np.concatenate([[0.0], end[:-1]]) + wait[:-1]
     return Strides(
@@ -401,17 +332,9 @@ def _make_strides(legs: Sequence[Leg], footprint: Floats, toe: Floats) -> Stride
     )
 
 
-def _index_first_strides(legs: Sequence[Leg]) -> Ints:
-    """Index (L,) of each leg's first stride, or of the one that comes after where it has none."""
-    count = [len(leg.duration) for leg in legs]
-    return np.concatenate([[0], np.cumsum(count)[:-1]]).astype(np.int64)
-
-
-def _draw_wander(count: int, rng: np.random.Generator, scatter: Scatter) -> Floats:
-    """By how much (K + 1,) m the center is to the right of its path; nothing at both ends."""
-    ends = np.minimum(np.arange(count), np.arange(count)[::-1])
-    fade = np.minimum(ends / SLOW_STRIDES, 1.0)
-    return np.asarray(fade * _SlowChange(scatter.wander_m, rng).draw(count))
+def _count_before(legs: Sequence[Leg]) -> Ints:
+    """How many strides (L,) come before each leg."""
+    return np.cumsum([0, *(len(leg) for leg in legs[:-1])])
 
 
 def place_foot(
@@ -438,25 +361,8 @@ def place_foot(
 def _find_crossings(legs: Sequence[Leg], strides: Strides) -> tuple[Crossing, ...]:
     """Landmarks with the strides that come down nearest to them, in the whole plan."""
     found = []
-    for first, leg in zip(_index_first_strides(legs), legs, strict=True):
+    for first, leg in zip(_count_before(legs), legs, strict=True):
         for name, footprint in leg.marks:
             stride = max(int(first) + footprint - 1, 0)
             found.append(Crossing(name, stride, float(strides.start[stride] + FLAT_SHARE * strides.duration[stride])))
     return tuple(found)
-
-
-def _check_joint(start: Pose, pose: Pose, i: int) -> None:
-    gap = float(np.linalg.norm(start.position - pose.position))
-    if gap > GAP_M:
-        raise SimulationError(f"The path of section {i} begins {gap:.3g} m from where the walk is: move it there.")
-    kink = float(wrap_angle(np.array(start.heading - pose.heading)))
-    if abs(kink) > KINK_RAD:
-        raise SimulationError(
-            f"The path of section {i} sets out {np.degrees(kink):.3g} deg from where the walker faces: "
-            "turn on the spot first."
-        )
-
-
-def _check_positive(what: str, value: float, unit: str) -> None:
-    if not (np.isfinite(value) and value > 0):
-        raise SimulationError(f"No one can {what} {value} {unit}: give a positive number.")

@@ -29,18 +29,19 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import replace
 from pathlib import Path as File
-from typing import Annotated, Any, TypeAlias, TypeVar
+from typing import Annotated, Any, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fg_nav.errors import SimulationError
+from fg_nav.lab.simulation.checks import describe_wrong
 from fg_nav.lab.simulation.motion import Style
-from fg_nav.lab.simulation.path import Path, polyline
+from fg_nav.lab.simulation.path import polyline
 from fg_nav.lab.simulation.plan import Section, Stand, Walk
 from fg_nav.lab.simulation.scenarios import Feet, Rests, Scenario, Worn, scenario
-from fg_nav.lab.simulation.sensors import SensorPrior
+from fg_nav.lab.simulation.sensors import read_sensor
 from fg_nav.text import read_small
 
 SUFFIX = ".toml"
@@ -49,7 +50,6 @@ MAX_M = 100_000.0  # A day of walking.
 MAX_REST_S = 86_400.0  # A day.
 LARGEST = 1e100  # No number is larger.
 MOST = 1_000_000  # Laps and strides: more than in a day of walking.
-UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")  # Types of errors of a key that no table has.
 
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 
@@ -69,29 +69,21 @@ class RouteTable(BaseModel):
     run: bool = False
     strides: Annotated[int, Field(ge=1, le=MOST)] | None = None
 
-    @property
-    def is_closed(self) -> bool:
-        """Whether the path ends where it begins, and has a round to it."""
-        return len(self.points_m) > 3 and self.points_m[0] == self.points_m[-1]
-
     def make_sections(self) -> list[Section]:
-        """Rest, walk, rest."""
-        rest = Stand(self.rest_s)
-        return [rest, Walk(self._make_path(), Style.RUN if self.run else Style.WALK, self.strides, self.pace), rest]
-
-    def _make_path(self) -> Path:
-        """All laps; a closed path begins in the middle of its first leg, so that its first corner is round too."""
-        if self.laps > 1 and not self.is_closed:
-            raise SimulationError("course.laps needs a closed path: let the last of points_m be the first.")
+        """Rest, walk, rest; a closed path begins in the middle of its first leg, so that its first corner is round."""
         points = list(self.points_m)
-        if self.is_closed:
+        is_closed = len(points) > 3 and points[0] == points[-1]
+        if self.laps > 1 and not is_closed:
+            raise SimulationError("course.laps needs a closed path: let the last of points_m be the first.")
+        if is_closed:
             (a, b), (c, d) = points[:2]
             middle = ((a + c) / 2, (b + d) / 2)
             points = [middle, *points[1:], middle]
         lap = polyline(points, self.corner_radius_m)
         if lap.length_m * self.laps > MAX_M:
             raise SimulationError(f"{self.laps} laps of {lap.length_m:.3g} m are too long: at most {MAX_M:.0f} m.")
-        return lap.repeat(self.laps)
+        walk = Walk(lap.repeat(self.laps), Style.RUN if self.run else Style.WALK, self.strides, self.pace)
+        return [Stand(self.rest_s), walk, Stand(self.rest_s)]
 
 
 class ScenarioTable(BaseModel):
@@ -108,18 +100,7 @@ class ScenarioTable(BaseModel):
     aligned: bool | None = None
     rests: Rests | None = None
     feet: Feet | None = None
-    sensor: Any = Field(default_factory=dict)
-
-
-class SensorTable(BaseModel):
-    """The table `sensor`, with everything that it leaves out."""
-
-    model_config = _STRICT
-
-    sensor: SensorPrior
-
-
-Table = TypeVar("Table", bound=BaseModel)
+    sensor: str | dict[str, Any] = Field(default_factory=dict)
 
 
 def read_scenario(path: File) -> Scenario:
@@ -149,72 +130,25 @@ def parse_scenario(file: str, text: str) -> Scenario:
 def _make_scenario(name: str, content: Mapping[str, Any]) -> Scenario:
     if "course" not in content:
         raise SimulationError("it has no table [course]: give its points_m.")
-    table = _validate(ScenarioTable, content)
+    table = _read_table(content)
     like = scenario(table.like)
     sections = table.course.make_sections()
-    return Scenario(
-        name,
-        f"{name}{SUFFIX}",
-        lambda _: sections,
-        table.worn or like.worn,
-        _make_sensor(table.sensor, like.prior),
-        like.site if table.site is None else table.site,
-        like.field if table.field is None else table.field,
-        table.magnets,
-        like.aligned if table.aligned is None else table.aligned,
-        table.rests or like.rests,
-        table.feet or like.feet,
-    )
+    sensor = table.sensor if isinstance(table.sensor, str) else read_sensor(table.sensor, like.prior)
+    given = table.model_dump(exclude={"course", "like", "sensor"}, exclude_none=True)
+    return replace(like, name=name, summary=f"{name}{SUFFIX}", route=lambda _: sections, sensor=sensor, **given)
 
 
-def _make_sensor(given: object, like: SensorPrior) -> str | SensorPrior:
-    """Name of a preset, or the sensor with what a table gives in place of its parameters."""
-    if isinstance(given, str):
-        return given
-    if not isinstance(given, Mapping):
-        raise SimulationError("sensor is no table: write [sensor] and its parameters below, or the name of a preset.")
-    return _validate(SensorTable, {"sensor": _update_nested(asdict(like), given)}).sensor
-
-
-def _update_nested(base: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    nested = {
-        key: _update_nested(base[key], value)
-        for key, value in given.items()
-        if isinstance(value, Mapping) and isinstance(base.get(key), Mapping)
-    }
-    return {**base, **given, **nested}
-
-
-def _validate(kind: type[Table], content: Mapping[str, Any]) -> Table:
+def _read_table(content: Mapping[str, Any]) -> ScenarioTable:
     """Validate as JSON, where lists are tuples and whole numbers are numbers, but nothing else is converted."""
     try:
-        return kind.model_validate_json(json.dumps(content, default=str))
+        return ScenarioTable.model_validate_json(json.dumps(content, default=str))
     except ValidationError as error:
-        raise SimulationError(_describe(error, kind, content)) from None
-
-
-def _describe(error: ValidationError, kind: type[BaseModel], content: Mapping[str, Any]) -> str:
-    """One sentence on the first thing that is wrong: which key, and what to try."""
-    first = error.errors()[0]
-    *table, key = (str(part) for part in first["loc"])
-    name = ".".join((*table, key))
-    if first["type"] in UNKNOWN:
-        own = (RouteTable if table else ScenarioTable).model_fields
-        known = _known_names(error, content, table) if kind is SensorTable else list(own)
-        return f"{'.'.join(table) or 'the file'} has no parameter '{key}': it knows {', '.join(known)}."
-    if first["type"] in ("missing", "missing_argument"):
-        return f"{name} is missing: give it."
-    return f"{name} cannot be {shorten(repr(first['input']))}: {first['msg'].replace('Input should be', 'give')}."
-
-
-def _known_names(error: ValidationError, content: Mapping[str, Any], table: list[str]) -> list[str]:
-    """Names of a sensor's table, which has all of them, without those that are unknown."""
-    for part in table:
-        content = content[part]
-    unknown = {one["loc"][-1] for one in error.errors() if one["type"] in UNKNOWN}
-    return [name for name in content if name not in unknown]
-
-
-def shorten(text: str, most: int = 80) -> str:
-    """Cut a text that is too long for a sentence."""
-    return text if len(text) <= most else f"{text[:most]}..."
+        first = error.errors()[0]
+        *table, key = (str(part) for part in first["loc"])
+        if first["type"] == "extra_forbidden":
+            known = (RouteTable if table else ScenarioTable).model_fields
+            where = ".".join(table) or "the file"
+            raise SimulationError(f"{where} has no parameter '{key}': it knows {', '.join(known)}.") from None
+        if first["type"] == "missing":
+            raise SimulationError(f"{'.'.join((*table, key))} is missing: give it.") from None
+        raise SimulationError(describe_wrong(error)) from None

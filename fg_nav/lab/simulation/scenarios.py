@@ -3,16 +3,13 @@
 A scenario is a default for each of these; `Choices` replaces any of them. Sensor and place are those of the paper that
 the scenario comes from. Ma's and Zhang's sensors sit in the heel of a shoe, Munoz Diaz' in the trouser pocket; the
 others are on the instep, as in the real walks that this project is tested on.
-
-Fields are the levels of `fg_nav.lab.simulation.fields.building`, and, for a street, iron cylinders for lamps and
-cars.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -62,35 +59,25 @@ FLOOR_MAGNET_MOMENT = (0.0, 2.0, 1.0)
 
 @dataclass(frozen=True)
 class Scenario:
-    """A walk that can be simulated.
+    """A walk that can be simulated."""
 
-    Attributes
-    ----------
-    name, summary : for people.
-    course : draws the sections of the walk.
-    worn : where the sensor is; on a table it goes nowhere.
-    sensor : its preset (`fg_nav.lab.simulation.sensors`), or a prior of your own.
-    site : where on Earth: a site of Munoz Diaz' Table 1 or `latitude,longitude,YYYY-MM-DD`.
-    field : one of `FIELDS`.
-    magnets : positions (3,) m of permanent magnets on the floor, with `FLOOR_MAGNET_MOMENT`.
-    aligned : a sensor in a pocket sits as the thigh does, x forward and z along the bone, as strapped to it; otherwise
-        it is turned as drawn by the seed. Nothing to sensors elsewhere.
-    rests : whether the foot stands still between paths, rocks there, or does not stand at all: the recording then
-        begins in a stance of the first stride and ends in one of the last.
-    feet : whether feet that are walked on come to a stand in stance, but for rolling and slip, or move on as real ones.
-    """
-
-    name: str
+    name: str  # For people.
     summary: str
-    route: Route
-    worn: Worn
-    sensor: str | SensorPrior
-    site: str = "munich"
-    field: str = "indoor"
-    magnets: tuple[tuple[float, float, float], ...] = ()
-    aligned: bool = False
-    rests: Rests = "still"
-    feet: Feet = "still"
+    route: Route  # Draws the sections of the walk.
+    worn: Worn  # Where the sensor is; on a table it goes nowhere.
+    sensor: str | SensorPrior  # Its preset (`fg_nav.lab.simulation.sensors`), or a prior of your own.
+    site: str = "munich"  # Where on Earth: a site of Munoz Diaz' Table 1 or `latitude,longitude,YYYY-MM-DD`.
+    field: str = "indoor"  # One of `FIELDS`.
+    magnets: tuple[tuple[float, float, float], ...] = ()  # Of `FLOOR_MAGNET_MOMENT` on the floor, m.
+    aligned: bool = (
+        False  # Whether a sensor in a pocket sits as the thigh does, as strapped to it, or as drawn by the seed.
+    )
+    rests: Rests = (
+        "still"  # Whether the foot stands still between paths, rocks there, or does not stand at all, even at the ends.
+    )
+    feet: Feet = (
+        "still"  # Whether feet that are walked on stand in stance, but for rolling and slip, or move on as real ones.
+    )
 
     @property
     def prior(self) -> SensorPrior:
@@ -100,25 +87,16 @@ class Scenario:
 
 @dataclass(frozen=True)
 class Choices:
-    """What of a scenario is to be otherwise; None leaves it as it is.
+    """What of a scenario is to be otherwise; None leaves it as it is."""
 
-    Attributes
-    ----------
-    sensor, site, field, worn, rests, feet : see `Scenario`.
-    rate_hz : of the recording; None for the sensor's own.
-    turned_deg : the whole course, clockwise.
-    calibrated : leave out the magnetometer's hard and soft iron.
-    aligned : see `Scenario`; False leaves it as it is.
-    """
-
-    sensor: str | None = None
+    sensor: str | None = None  # See `Scenario`.
     site: str | None = None
     field: str | None = None
     worn: Worn | None = None
-    rate_hz: float | None = None
-    turned_deg: float = 0.0
-    calibrated: bool = False
-    aligned: bool = False
+    rate_hz: float | None = None  # Of the recording; None for the sensor's own.
+    turned_deg: float = 0.0  # The whole course, clockwise.
+    calibrated: bool = False  # Leave out the magnetometer's hard and soft iron.
+    aligned: bool = False  # See `Scenario`; False leaves it as it is.
     rests: Rests | None = None
     feet: Feet | None = None
 
@@ -134,7 +112,10 @@ class Choices:
         _check_choice("rests cannot be", changed.rests, RESTS)
         _check_choice("feet cannot be", changed.feet, FEET)
         prior = changed.prior if self.rate_hz is None else changed.prior.at_rate(self.rate_hz)
-        prior = _remove_iron(prior) if self.calibrated else prior
+        if self.calibrated:
+            if prior.mag is None:
+                raise SimulationError(f"{prior.name} has no magnetometer to be calibrated: choose another sensor.")
+            prior = prior.with_iron(IronPrior())
         changed = replace(changed, sensor=prior, aligned=changed.aligned or self.aligned)
         return _rotate_scenario(changed, self.turned_deg) if self.turned_deg else changed
 
@@ -144,19 +125,12 @@ def _check_choice(what: str, chosen: str, known: Sequence[str]) -> None:
         raise SimulationError(f"{what} '{chosen}': choose one of {', '.join(known)}.")
 
 
-def _remove_iron(prior: SensorPrior) -> SensorPrior:
-    if prior.mag is None:
-        raise SimulationError(
-            f"{prior.name} has no magnetometer to be calibrated: choose another sensor, or leave the calibration out."
-        )
-    return prior.with_iron(IronPrior())
-
-
 def _rotate_scenario(scenario: Scenario, degrees: float) -> Scenario:
     if not np.isfinite(degrees):
         raise SimulationError(f"a course cannot be turned by {degrees} degrees: give a number.")
     angle = float(np.deg2rad(degrees))
-    magnets = tuple(_rotate_place(place, angle) for place in scenario.magnets)
+    c, s = float(np.cos(angle)), float(np.sin(angle))
+    magnets = tuple((c * east + s * north, c * north - s * east, up) for east, north, up in scenario.magnets)
     return replace(scenario, route=lambda rng: routes.rotate(scenario.route(rng), angle), magnets=magnets)
 
 
@@ -171,73 +145,52 @@ def _offset_gyro(name: str, bias_deg_s: float, spread_deg_s: float) -> SensorPri
     return replace(prior, gyr=replace(prior.gyr, bias=(0.0, 0.0, bias), bias_sd=float(np.deg2rad(spread_deg_s))))
 
 
-_MA, _ZHANG, _MUNOZ_DIAZ = "mpu-9250x8", "xsens-mtw", "munoz-diaz-table-2"
+_MA, _ZHANG, _MUNOZ_DIAZ, _LORD = "mpu-9250x8", "xsens-mtw", "munoz-diaz-table-2", "lord-gx5-900"
+_SLOW = _offset_gyro("xsens-mtw", 0.25, 0.05)
+
+_ROUTES: tuple[tuple[str, Route, Worn, str | SensorPrior, str, str], ...] = (
+    ("office", routes.office, "heel", _MA, "indoor",
+     "three equal loops through office corridors, 1018 m, 786 strides (Ma 2018)"),
+    ("office-open", routes.office_open, "heel", _MA, "indoor",
+     "as long as the office, ending far from the start: shows scale errors"),
+    ("mall", routes.mall, "heel", _MA, "indoor",
+     "three winding laps past 14 landmarks, 2480 m, 1920 strides (Ma 2018)"),
+    ("mall-open", routes.mall_open, "heel", _MA, "indoor",
+     "as long as the mall, past 42 landmarks, ending far from the start"),
+    ("teaching-building", _ignore_rng(routes.teaching_building), "heel", _ZHANG, "indoor",
+     "three cycles, 515.5 m in 7 minutes (Zhang, AIEZ)"),
+    ("magnet-corridor", routes.magnet_corridor, "heel", _ZHANG, "smooth",
+     "a corridor to and fro past a magnet on the floor (Zhang, AIEZ)"),
+    ("calibration-loop", _ignore_rng(routes.calibration_loop), "heel", _MA, "homogeneous",
+     "circles to the right and to the left, to calibrate a magnetometer (Ma 2018)"),
+    ("pocket-street", routes.pocket_street, "pocket", _MUNOZ_DIAZ, "homogeneous",
+     "three round trips in a street, 3 km in 39 minutes, in the pocket (Munoz Diaz 2017)"),
+    ("pocket-past-cars", routes.past_cars, "pocket", _MUNOZ_DIAZ, "past-cars",
+     "the same street at the equator, past cars at 16 and 32 min, lamps at 24 and 35"),
+    ("pocket-long", routes.pocket_long, "pocket", "xsens-mtw", "homogeneous",
+     "twelve round trips of 360 m in 44 minutes, in the pocket (Munoz Diaz 2017)"),
+    ("stairs", _ignore_rng(routes.stairs), "instep", _LORD, "indoor",
+     "two flights up, a corridor, and down again"),
+    ("mixed-gait", _ignore_rng(routes.mixed_gait), "instep", _LORD, "indoor",
+     "slow, usual and fast walking, running, standing and turning on the spot"),
+    ("demo", _ignore_rng(routes.demo), "instep", _LORD, "indoor",
+     "one minute round an L-shaped corridor"),
+    ("building-loop", _ignore_rng(routes.building_loop), "heel", _SLOW, "indoor",
+     "350 m round a floor in 4 minutes, gyroscope 0.25 deg/s off, which no rest shows"),
+    ("at-rest", _ignore_rng(routes.at_rest), "table", "xsens-mtw", "homogeneous",
+     "an hour on a table, for an Allan deviation"),
+)  # fmt: skip
+
+_SPECIAL: Mapping[str, dict[str, Any]] = {
+    "magnet-corridor": {"magnets": (routes.MAGNET_POSITION,)},
+    "pocket-past-cars": {"site": "equator", "aligned": True},
+    "building-loop": {"rests": "none"},
+}
 
 SCENARIOS: Mapping[str, Scenario] = {
-    s.name: s
-    for s in (
-        Scenario(
-            "office", "three equal loops through office corridors, 1018 m, 786 strides (Ma 2018)",
-            routes.office, "heel", _MA,
-        ),
-        Scenario(
-            "office-open", "as long as the office, ending far from the start: shows scale errors",
-            routes.office_open, "heel", _MA,
-        ),
-        Scenario(
-            "mall", "three winding laps past 14 landmarks, 2480 m, 1920 strides (Ma 2018)",
-            routes.mall, "heel", _MA,
-        ),
-        Scenario(
-            "mall-open", "as long as the mall, past 42 landmarks, ending far from the start",
-            routes.mall_open, "heel", _MA,
-        ),
-        Scenario(
-            "teaching-building", "three cycles, 515.5 m in 7 minutes (Zhang, AIEZ)",
-            _ignore_rng(routes.teaching_building), "heel", _ZHANG,
-        ),
-        Scenario(
-            "magnet-corridor", "a corridor to and fro past a magnet on the floor (Zhang, AIEZ)",
-            routes.magnet_corridor, "heel", _ZHANG, field="smooth", magnets=(routes.MAGNET_POSITION,),
-        ),
-        Scenario(
-            "calibration-loop", "circles to the right and to the left, to calibrate a magnetometer (Ma 2018)",
-            _ignore_rng(routes.calibration_loop), "heel", _MA, field="homogeneous",
-        ),
-        Scenario(
-            "pocket-street", "three round trips in a street, 3 km in 39 minutes, in the pocket (Munoz Diaz 2017)",
-            routes.pocket_street, "pocket", _MUNOZ_DIAZ, field="homogeneous",
-        ),
-        Scenario(
-            "pocket-past-cars", "the same street at the equator, past cars at 16 and 32 min, lamps at 24 and 35",
-            routes.past_cars, "pocket", _MUNOZ_DIAZ, site="equator", field="past-cars", aligned=True,
-        ),
-        Scenario(
-            "pocket-long", "twelve round trips of 360 m in 44 minutes, in the pocket (Munoz Diaz 2017)",
-            routes.pocket_long, "pocket", "xsens-mtw", field="homogeneous",
-        ),
-        Scenario(
-            "stairs", "two flights up, a corridor, and down again",
-            _ignore_rng(routes.stairs), "instep", "lord-gx5-900",
-        ),
-        Scenario(
-            "mixed-gait", "slow, usual and fast walking, running, standing and turning on the spot",
-            _ignore_rng(routes.mixed_gait), "instep", "lord-gx5-900",
-        ),
-        Scenario(
-            "demo", "one minute round an L-shaped corridor",
-            _ignore_rng(routes.demo), "instep", "lord-gx5-900",
-        ),
-        Scenario(
-            "building-loop", "350 m round a floor in 4 minutes, gyroscope 0.25 deg/s off, which no rest shows",
-            _ignore_rng(routes.building_loop), "heel", _offset_gyro("xsens-mtw", 0.25, 0.05), rests="none",
-        ),
-        Scenario(
-            "at-rest", "an hour on a table, for an Allan deviation",
-            _ignore_rng(routes.at_rest), "table", "xsens-mtw", field="homogeneous",
-        ),
-    )
-}  # fmt: skip
+    name: Scenario(name, summary, route, worn, sensor, field=field, **_SPECIAL.get(name, {}))
+    for name, route, worn, sensor, field, summary in _ROUTES
+}
 """All scenarios by name."""
 
 
@@ -252,16 +205,10 @@ def scenario(name: str) -> Scenario:
 
 
 def draw_surroundings(of: Scenario, earth: Homogeneous, points: Floats, rng: np.random.Generator) -> Field:
-    """Draw the field about a scenario's course.
+    """Draw the field about a scenario's course, whose feet come down at `points` (M, 3) m, in order, on the floor.
 
-    Parameters
-    ----------
-    of : says which field, and where magnets lie.
-    earth : the field without all else.
-    points : (M, 3) m, places on the floor where feet come down, in order.
-    rng : source of all that is random.
-
-    Raises `SimulationError` for a field that does not exist, or a street with iron on the path.
+    `earth` is the field without all else. Raises `SimulationError` for a field that does not exist, or a street with
+    iron on the path.
     """
     magnets = [magnet(np.array(place), np.array(FLOOR_MAGNET_MOMENT)) for place in of.magnets]
     return Sum([_draw_background(of.field, earth, points, rng), *magnets])
@@ -272,23 +219,19 @@ def _draw_background(name: str, earth: Homogeneous, points: Floats, rng: np.rand
         raise SimulationError(f"there is no field '{name}': choose one of {', '.join(FIELDS)}.")
     if name not in STREET_FIELDS:
         return draw_environment(name, earth, points, rng)
-    start, forward, length_m = _fit_street(points[:, :2])
-    heading_deg = float(np.rad2deg(np.arctan2(forward[0], forward[1])))
-    template, exponent = STREET_FIELDS[name]
-    return street(earth, length_m, start=start, heading_deg=heading_deg, exponent=exponent, template=template)
-
-
-def _fit_street(points: Floats) -> tuple[tuple[float, float], Floats, float]:
-    """Where a straight street (M, 2) begins, its direction (2,) and its length in m."""
-    farthest = points[np.argmax(np.linalg.norm(points - points[0], axis=1))]
-    length_m = float(np.linalg.norm(farthest - points[0]))
+    # the street goes from where the walk begins to the farthest of its places
+    start = points[0, :2]
+    way = points[np.argmax(np.linalg.norm(points[:, :2] - start, axis=1)), :2] - start
+    length_m = float(np.linalg.norm(way))
     if length_m < 1.0:
         raise SimulationError("there is no street to put lamps and cars along: choose a longer course.")
-    return (float(points[0, 0]), float(points[0, 1])), (farthest - points[0]) / length_m, length_m
-
-
-def _rotate_place(place: tuple[float, float, float], angle: float) -> tuple[float, float, float]:
-    """Turn a place clockwise about the origin by `angle` rad."""
-    east, north, up = place
-    c, s = float(np.cos(angle)), float(np.sin(angle))
-    return c * east + s * north, c * north - s * east, up
+    heading_deg = float(np.rad2deg(np.arctan2(way[0], way[1])))
+    template, exponent = STREET_FIELDS[name]
+    return street(
+        earth,
+        length_m,
+        start=(float(start[0]), float(start[1])),
+        heading_deg=heading_deg,
+        exponent=exponent,
+        template=template,
+    )

@@ -1,12 +1,8 @@
 """How a sensor in a trouser pocket moves: the thigh of the right leg in a walk.
 
-Model
------
-The thigh hangs from the hip joint; the sensor sits at `lever` from it (thigh frame: x forward, y left, z up along the
-bone), turned by a constant `thigh_R_body`:
-
-    position = hip + nav_R_thigh lever,    nav_R_body = nav_R_thigh thigh_R_body,
-    nav_R_thigh = Rz(yaw) Ry(pitch) Rx(roll),    pitch = -flexion,    yaw = pi / 2 - heading + twist.
+The thigh hangs from the hip joint; the sensor sits at a lever from it (thigh frame: x forward, y left, z up along the
+bone), turned by a constant `thigh_R_body` (`motion.compute_kinematics`); pitch = -flexion, yaw = pi / 2 - heading +
+twist.
 
 tau is the share of a stride since heel-off, e(t) an envelope that rises from standing (0) to the leg's full swing (1)
 and grows with the stride's length to the power 0.8. The parts, n to a stride, are e A cos(2 pi (n tau - p)):
@@ -31,16 +27,18 @@ assumed, and compared with nothing.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import BSpline, PchipInterpolator
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats
-from fg_nav.errors import SimulationError
-from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.lab.simulation.motion import Kinematics, Strides, Style, average_over_period
+from fg_nav.lab.simulation.checks import Checked, NotNegative
+from fg_nav.lab.simulation.motion import Kinematics, Strides, Style, average_over_period, compute_kinematics
+from fg_nav.lab.simulation.person import DEG
 
 CONTROL_S = 0.0125  # Between control points.
 _MARGIN_S = 2.0  # By how much the splines reach beyond the recording.
@@ -52,122 +50,59 @@ _TWIST = ((1, 0.8, 0.55), (2, 0.5, 0.10))
 """Waves: how many to a stride, amplitude over that of the part, phase in cycles."""
 
 
-@dataclass(frozen=True)
-class Leg:
-    """How a thigh goes in one style.
+HIP_M = 0.90  # Height of the hip joint over the floor when standing.
+LEVER_M = (0.08, -0.03, -0.20)  # From the hip to the sensor: in the front pocket, a hand's length below the joint.
+ABDUCTION_RAD, TWIST_RAD = 6.0 * DEG, 10.0 * DEG
+SWAY_M, SURGE_M = 0.02, 0.009  # Of the hip to the side, once a stride, and forward, twice.
+POSTURE_S = 1.0  # Of a slow sway (assumed).
 
-    Attributes
-    ----------
-    swing_rad, flexed_rad : amplitude of flexion once a stride, and its mean against standing.
-    bounce_m : of the hip, from lowest to highest.
-    low_share : share of a stride at which the hip is lowest, once for each foot.
-    contact_share : share of a stride at which the heel strikes.
-    stride_m : length of a stride of this swing; None where the swing does not go by the length.
-    """
+RINGING_HZ, DECAY_S, ONSET_S = 8.0, 0.07, 0.015  # f, d and r above (assumed).
+RINGING_HIP_M = (-0.006, 0.002, -0.008)  # Forward, left and up.
+RINGING_RAD = (0.06, 0.07, 0.10)  # Standard deviation in roll, pitch and twist, drawn for each contact.
+OTHER_FOOT = 0.4  # Share of all this that arrives from the other foot.
 
-    swing_rad: float
+
+class Leg(NamedTuple):
+    """How a thigh goes in one style."""
+
+    swing_rad: float  # Amplitude of flexion once a stride, and its mean against standing.
     flexed_rad: float
-    bounce_m: float
-    low_share: float = 0.13
-    contact_share: float = 0.54
-    stride_m: float | None = None
+    bounce_m: float  # Of the hip, from lowest to highest.
+    low_share: float = 0.13  # Share of a stride at which the hip is lowest, once for each foot.
+    contact_share: float = 0.54  # Share of a stride at which the heel strikes.
+    stride_m: float = 0.0  # Length of a stride of this swing; 0 where the swing does not go by the length.
 
 
-def _usual_legs() -> dict[Style, Leg]:
-    degrees = np.pi / 180
-    return {
-        Style.WALK: Leg(25.0 * degrees, 8.0 * degrees, 0.045, stride_m=1.29),
-        Style.RUN: Leg(28.0 * degrees, 14.0 * degrees, 0.080, low_share=0.26, contact_share=0.59, stride_m=2.30),
-        Style.STAIRS_UP: Leg(22.0 * degrees, 28.0 * degrees, 0.020),
-        Style.STAIRS_DOWN: Leg(12.0 * degrees, 16.0 * degrees, 0.030),
-        Style.TURN: Leg(8.0 * degrees, 4.0 * degrees, 0.015),
-    }
-
-
-@dataclass(frozen=True)
-class Ringing:
-    """What a contact of the foot leaves in hip and pocket.
-
-    Attributes
-    ----------
-    frequency_hz, decay_s, onset_s : f, d and r above (assumed).
-    hip_m : amplitude forward, left and up.
-    angle_rad : standard deviation of the amplitudes in roll, pitch and twist, drawn for each contact.
-    other_foot : share of all this that arrives from the other foot.
-    """
-
-    frequency_hz: float = 8.0
-    decay_s: float = 0.07
-    onset_s: float = 0.015
-    hip_m: tuple[float, float, float] = (-0.006, 0.002, -0.008)
-    angle_rad: tuple[float, float, float] = (0.06, 0.07, 0.10)
-    other_foot: float = 0.4
+LEGS: Mapping[Style, Leg] = {
+    Style.WALK: Leg(25.0 * DEG, 8.0 * DEG, 0.045, stride_m=1.29),
+    Style.RUN: Leg(28.0 * DEG, 14.0 * DEG, 0.080, 0.26, 0.59, stride_m=2.30),
+    Style.STAIRS_UP: Leg(22.0 * DEG, 28.0 * DEG, 0.020),
+    Style.STAIRS_DOWN: Leg(12.0 * DEG, 16.0 * DEG, 0.030),
+    Style.TURN: Leg(8.0 * DEG, 4.0 * DEG, 0.015),
+}
 
 
 @dataclass(frozen=True)
-class Pocket:
-    """A leg with a sensor in the pocket.
+class Pocket(Checked):
+    """How a sensor sits in a pocket."""
 
-    Attributes
-    ----------
-    hip_m : height of the hip joint over the floor when standing.
-    lever_m : from the hip to the sensor, thigh frame: in the front pocket, a hand's length below the joint.
-    tilt_rad : standard deviation, per axis, of the constant rotation between thigh and sensor, drawn once.
-    abduction_rad, twist_rad : amplitudes.
-    sway_m, surge_m : amplitudes of the hip's motion to the side, once a stride, and forward, twice.
-    posture_rad, posture_s : slow sway, standard deviation per axis and duration (assumed).
-    legs : the thigh in each style.
-    ringing : what a contact leaves.
-    """
-
-    hip_m: float = 0.90
-    lever_m: tuple[float, float, float] = (0.08, -0.03, -0.20)
-    tilt_rad: float = float(np.deg2rad(12.0))
-    abduction_rad: float = float(np.deg2rad(6.0))
-    twist_rad: float = float(np.deg2rad(10.0))
-    sway_m: float = 0.02
-    surge_m: float = 0.009
-    posture_rad: float = float(np.deg2rad(0.1))
-    posture_s: float = 1.0
-    legs: dict[Style, Leg] = field(default_factory=_usual_legs)
-    ringing: Ringing = Ringing()
-
-    def __post_init__(self) -> None:
-        if not (self.hip_m > 0 and self.posture_s > 0):
-            raise SimulationError("A pocket has a hip below the floor or a sway of no duration: give positive numbers.")
-        if not (self.tilt_rad >= 0 and self.posture_rad >= 0):
-            raise SimulationError("A pocket has a tilt or sway of a negative scatter: give 0 for none.")
+    tilt_rad: NotNegative = 12.0 * DEG  # Constant rotation between thigh and sensor, standard deviation per axis.
+    posture_rad: NotNegative = 0.1 * DEG  # Slow sway of the thigh, standard deviation per axis.
+    ringing: NotNegative = 1.0  # Strength of what a contact leaves.
 
 
 @dataclass(frozen=True)
 class ThighMotion:
-    """A walk of one thigh; a `Motion`.
+    """A walk of one thigh; a `Motion`."""
 
-    `hip` is a spline of the hip's position (3) m, `angles` one of roll, pitch, yaw (3) rad; `lever` (3,) m points from
-    the hip to the sensor in the thigh frame; `thigh_R_body` (3, 3) is how the sensor sits.
-    """
-
-    hip: BSpline
-    angles: BSpline
-    lever: Floats
-    thigh_R_body: Floats
+    hip: BSpline  # Position (3) m.
+    angles: BSpline  # Roll, pitch and yaw (3) rad.
+    thigh_R_body: Floats  # (3, 3), how the sensor sits.
 
     def at(self, t: Floats) -> Kinematics:
         """Exact state at the instants `t` (N,) s."""
-        angle = self.angles(t)
-        nav_R_thigh = _compute_attitude(angle)
-        rate, rate_change = _compute_rate(angle, self.angles(t, 1), self.angles(t, 2))
-        arm_velocity = np.cross(rate, self.lever)
-        lift = self.hip(t, 2) + np.array([0.0, 0.0, GRAVITY_M_S2])
-        force = np.einsum("nji,nj->ni", nav_R_thigh, lift)
-        force += np.cross(rate_change, self.lever) + np.cross(rate, arm_velocity)
-        return Kinematics(
-            position=self.hip(t) + nav_R_thigh @ self.lever,
-            velocity=self.hip(t, 1) + np.einsum("nij,nj->ni", nav_R_thigh, arm_velocity),
-            nav_R_body=nav_R_thigh @ self.thigh_R_body,
-            rate=rate @ self.thigh_R_body,
-            force=force @ self.thigh_R_body,
-        )
+        moved = [np.hstack([self.hip(t, order), self.angles(t, order)]) for order in range(3)]
+        return compute_kinematics(np.array(moved), np.array(LEVER_M), self.thigh_R_body)
 
     def sampled(self, t: Floats, period_s: float) -> tuple[Floats, Floats]:
         """Rate (N, 3) rad/s and specific force (N, 3) m/s^2, each the mean over [t, t + period].
@@ -182,38 +117,38 @@ def build_thigh_motion(
 ) -> ThighMotion:
     """Motion of a sensor in the pocket on the side of the foot that makes these strides.
 
-    Parameters
-    ----------
-    strides : of the foot below.
-    pocket : leg and pocket.
-    rng : source of what is new on every walk: ringing and sway.
-    mounting : source of what stays, the sensor's tilt; `rng` if left out.
-
-    Returns
-    -------
-    ThighMotion
-        From 1 s before the recording to 1 s after it.
+    `rng` draws what is new on every walk, ringing and sway; `mounting`, or `rng` if left out, what stays: the tilt. The
+    motion goes from 1 s before the recording to 1 s after it.
     """
     t = np.arange(-_MARGIN_S, strides.end_s + _MARGIN_S, CONTROL_S)
-    cycle = _Cycle(strides, pocket, t)
+    cycle = _Cycle(strides, t)
     tilt = Rotation.from_rotvec(pocket.tilt_rad * (mounting or rng).standard_normal(3)).as_matrix()
-    kick = 1 + 0.3 * rng.standard_normal((2, len(strides), 1))
-    tremble = np.array(pocket.ringing.angle_rad) * rng.standard_normal((2, len(strides), 3))
-    ground, heading = _make_course(strides, t)
-    hip = ground + _move_hip(cycle, pocket, heading, cycle.ring(kick * np.array(pocket.ringing.hip_m)))
-    angles = _move_angles(cycle, pocket, heading) + cycle.ring(tremble) + _draw_posture(t, pocket, rng)
-    return ThighMotion(_make_spline(t, hip), _make_spline(t, angles), np.array(pocket.lever_m), tilt)
+    kick = pocket.ringing * (1 + 0.3 * rng.standard_normal((2, len(strides), 1)))
+    tremble = pocket.ringing * np.array(RINGING_RAD) * rng.standard_normal((2, len(strides), 3))
+    # the way of the hip over the ground, above the foot in each mid-stance and pause
+    stood = np.concatenate([[strides.start[0] - 0.1], strides.start + _MIDSTANCE * strides.duration])
+    ends = np.concatenate([strides.start, [strides.end_s + _MARGIN_S]])
+    paused = np.flatnonzero(ends - np.concatenate([[-np.inf], strides.start + strides.duration]) > 0.05)
+    which = np.concatenate([np.arange(len(stood)), paused])
+    poses = np.column_stack([strides.footprint, strides.heading])[which]
+    course = _interpolate(np.concatenate([stood, ends[paused]]), poses, t)
+    hip = course[:, :3] + _move_hip(cycle, course[:, 3], cycle.ring(kick * np.array(RINGING_HIP_M)))
+    # the slow sway of one who stands, and of one who walks as well
+    knots = np.arange(t[0], t[-1] + 2 * POSTURE_S, POSTURE_S)
+    posture = _interpolate(knots, pocket.posture_rad * rng.standard_normal((len(knots), 3)), t)
+    angles = _move_angles(cycle, course[:, 3]) + cycle.ring(tremble) + posture
+    return ThighMotion(_make_spline(t, hip), _make_spline(t, angles), tilt)
 
 
 class _Cycle:
     """Where in the stride the leg is at each control point, and how it goes there."""
 
-    def __init__(self, strides: Strides, pocket: Pocket, t: Floats) -> None:
+    def __init__(self, strides: Strides, t: Floats) -> None:
         end = strides.start + strides.duration
         index = np.arange(len(strides), dtype=np.float64)
         self.phase = np.interp(t, _interleave(strides.start, end), _interleave(index, index + 1))
-        self._strides, self._ringing = strides, pocket.ringing
-        legs = [pocket.legs[Style(style)] for style in strides.style]
+        self._strides = strides
+        legs = [LEGS[Style(style)] for style in strides.style]
         vigour = _compute_vigour(strides, legs)
         self.swing = self._ease(t, vigour * [leg.swing_rad for leg in legs])
         self.flexed = self._ease(t, vigour * [leg.flexed_rad for leg in legs])
@@ -229,7 +164,7 @@ class _Cycle:
 
     def ring(self, amplitude: Floats) -> Floats:
         """The ringing (M, 3) after the contacts of this foot and of the other, of amplitudes (2, K, 3)."""
-        other = self._ringing.other_foot * self._ring_at(self._contact + 0.5, amplitude[1])
+        other = OTHER_FOOT * self._ring_at(self._contact + 0.5, amplitude[1])
         return self.vigour[:, None] * (self._ring_at(self._contact, amplitude[0]) + other)
 
     def _ring_at(self, share: Floats, amplitude: Floats) -> Floats:
@@ -237,9 +172,8 @@ class _Cycle:
         contact = np.arange(len(share)) + share
         last = np.searchsorted(contact, self.phase, side="right") - 1
         since = np.where(last < 0, 0.0, (self.phase - contact[last]) * self._strides.duration[last])
-        ring = self._ringing
-        rise_and_fall = -np.expm1(-since / ring.onset_s) * np.exp(-since / ring.decay_s)
-        wave: Floats = rise_and_fall * np.sin(2 * np.pi * ring.frequency_hz * since)
+        rise_and_fall = -np.expm1(-since / ONSET_S) * np.exp(-since / DECAY_S)
+        wave: Floats = rise_and_fall * np.sin(2 * np.pi * RINGING_HZ * since)
         return wave[:, None] * amplitude[last]
 
     def _ease(self, t: Floats, value: Floats, standing: bool = True) -> Floats:
@@ -254,7 +188,7 @@ class _Cycle:
 def _compute_vigour(strides: Strides, legs: list[Leg]) -> Floats:
     """Stride lengths over those of the styles (K,), to the power 0.8, within reason."""
     length = np.linalg.norm(np.diff(strides.footprint[:, :2], axis=0), axis=1)
-    usual = np.array([leg.stride_m or 0.0 for leg in legs])
+    usual = np.array([leg.stride_m for leg in legs])
     ratio = np.divide(length, usual, out=np.ones(len(length)), where=usual > 0)
     vigour: Floats = np.clip(ratio, 0.3, 1.5) ** 0.8
     return vigour
@@ -268,41 +202,23 @@ def _find_pauses(strides: Strides) -> tuple[Floats, Floats]:
     return begins[long], ends[long]
 
 
-def _make_course(strides: Strides, t: Floats) -> tuple[Floats, Floats]:
-    """Ground (M, 3) m below the hip and heading (M,) rad at `t` (M,) s: over the foot in each mid-stance and pause."""
-    stood = np.concatenate([[strides.start[0] - 0.1], strides.start + _MIDSTANCE * strides.duration])
-    ends = np.concatenate([strides.start, [strides.end_s + _MARGIN_S]])
-    paused = np.flatnonzero(ends - np.concatenate([[-np.inf], strides.start + strides.duration]) > 0.05)
-    which = np.concatenate([np.arange(len(stood)), paused])
-    at = np.concatenate([stood, ends[paused]])
-    poses = np.column_stack([strides.footprint, strides.heading])[which]
-    route = _interpolate(at, poses, t)
-    return route[:, :3], route[:, 3]
-
-
-def _move_hip(cycle: _Cycle, pocket: Pocket, heading: Floats, shock: Floats) -> Floats:
+def _move_hip(cycle: _Cycle, heading: Floats, shock: Floats) -> Floats:
     """The hip (M, 3) m against the ground below it; `shock` (M, 3) m is forward, left and up."""
-    surge = pocket.surge_m * cycle.vigour * np.sin(4 * np.pi * (cycle.phase - cycle.low_share))
-    sway = -pocket.sway_m * cycle.vigour * np.cos(2 * np.pi * (cycle.phase - _MIDSTANCE))
+    surge = SURGE_M * cycle.vigour * np.sin(4 * np.pi * (cycle.phase - cycle.low_share))
+    sway = -SWAY_M * cycle.vigour * np.cos(2 * np.pi * (cycle.phase - _MIDSTANCE))
     bounce = -cycle.bounce_m / 2 * (1 + np.cos(4 * np.pi * (cycle.phase - cycle.low_share)))
     forward, left = surge + shock[:, 0], sway + shock[:, 1]
     s, c = np.sin(heading), np.cos(heading)
-    up = pocket.hip_m + bounce + shock[:, 2]
+    up = HIP_M + bounce + shock[:, 2]
     return np.stack([s * forward - c * left, c * forward + s * left, up], axis=1)
 
 
-def _move_angles(cycle: _Cycle, pocket: Pocket, heading: Floats) -> Floats:
+def _move_angles(cycle: _Cycle, heading: Floats) -> Floats:
     """Roll, pitch and yaw (M, 3) rad of the thigh."""
-    roll = pocket.abduction_rad * cycle.vigour * cycle.waves(_ABDUCTION)
+    roll = ABDUCTION_RAD * cycle.vigour * cycle.waves(_ABDUCTION)
     pitch = -(cycle.flexed + cycle.swing * cycle.waves(_FLEXION))
-    twist = pocket.twist_rad * cycle.vigour * cycle.waves(_TWIST)
+    twist = TWIST_RAD * cycle.vigour * cycle.waves(_TWIST)
     return np.stack([roll, pitch, np.pi / 2 - heading + twist], axis=1)
-
-
-def _draw_posture(t: Floats, pocket: Pocket, rng: np.random.Generator) -> Floats:
-    """The slow sway (M, 3) rad of the thigh of one who stands, and of one who walks as well."""
-    knots = np.arange(t[0], t[-1] + 2 * pocket.posture_s, pocket.posture_s)
-    return _interpolate(knots, pocket.posture_rad * rng.standard_normal((len(knots), 3)), t)
 
 
 def _interpolate(at: Floats, value: Floats, t: Floats) -> Floats:
@@ -327,31 +243,3 @@ def _make_spline(t: Floats, control: Floats) -> BSpline:
     before = (degree + 1) // 2
     knots = t[0] + CONTROL_S * (np.arange(len(t) + degree + 1) - before)
     return BSpline(knots, control, degree)
-
-
-def _compute_attitude(angle: Floats) -> Floats:
-    """Rz(yaw) Ry(pitch) Rx(roll) (N, 3, 3) of roll, pitch, yaw (N, 3)."""
-    (sr, sp, sy), (cr, cp, cy) = np.sin(angle).T, np.cos(angle).T
-    rows = [
-        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-        [-sp, cp * sr, cp * cr],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
-
-
-def _compute_rate(angle: Floats, d_angle: Floats, dd_angle: Floats) -> tuple[Floats, Floats]:
-    """Rate (N, 3) in the thigh frame and its derivative, of roll, pitch, yaw (N, 3) and their derivatives."""
-    (sr, sp, _), (cr, cp, _) = np.sin(angle).T, np.cos(angle).T
-    r, p, y = d_angle.T
-    rr, pp, yy = dd_angle.T
-    rate = np.stack([r - y * sp, p * cr + y * cp * sr, -p * sr + y * cp * cr], axis=1)
-    change = np.stack(
-        [
-            rr - yy * sp - y * p * cp,
-            pp * cr - p * r * sr + yy * cp * sr - y * p * sp * sr + y * r * cp * cr,
-            -pp * sr - p * r * cr + yy * cp * cr - y * p * sp * cr - y * r * cp * sr,
-        ],
-        axis=1,
-    )
-    return rate, change

@@ -19,11 +19,12 @@ deviation.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Bools, Floats, Ints
@@ -32,10 +33,9 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation.fields import Field, Homogeneous, find_earth_field
 from fg_nav.lab.simulation.foot import FootMotion, build_foot_motion
 from fg_nav.lab.simulation.motion import Kinematics, Motion, Strides
-from fg_nav.lab.simulation.mount import Mount, find_mount
 from fg_nav.lab.simulation.path import Pose
-from fg_nav.lab.simulation.person import Person
-from fg_nav.lab.simulation.plan import Crossing, Section, Stand, WalkPlan, plan_walk
+from fg_nav.lab.simulation.person import MOUNTS, Mount, Person
+from fg_nav.lab.simulation.plan import Crossing, Stand, WalkPlan, plan_walk
 from fg_nav.lab.simulation.routes import remove_rests
 from fg_nav.lab.simulation.scenarios import Choices, Scenario, draw_surroundings, scenario
 from fg_nav.lab.simulation.sensors import Sensor, SensorRun
@@ -73,7 +73,7 @@ class Streams:
 BLOCK = 50_000  # Samples worked on at a time.
 
 MAX_SAMPLES = 20_000_000
-"""Three of Munoz Diaz' walks in a row at 2 kHz; 4 GB, for measured at its peak a sample takes 190 bytes."""
+"""Three of Munoz Diaz' walks in a row at 2 kHz; 5 GB, for at its peak a sample takes 260 bytes."""
 
 Progress: TypeAlias = Callable[[float], None]
 
@@ -100,37 +100,23 @@ class Passing:
 class SimulatedWalk:
     """A recording, and everything that is true about it.
 
-    Attributes
-    ----------
-    scenario, choices, seed : what was asked for, and as it was in effect.
-    recording : with `TrajectoryTruth`.
-    fresh : (N,) True where the magnetometer has a new sample; None without one.
-    biases : once a second.
-    strides : of the foot; for a pocket, of the foot below; none on a table.
-    flat : (K + 1, 2) s, from when to when the foot stands flat; None for a pocket and a table.
-    landmarks : in the order in which they are passed.
-    field, earth : of the surroundings and without them, by places in the course's frame.
-    origin : (3,) m, the origin of the recording's truth in the course's frame.
-    drawn : the sensor as drawn and as switched on, for JSON.
-    person : who walked.
-
     All times are on the recording's clock.
     """
 
-    scenario: Scenario
+    scenario: Scenario  # What was asked for, and as it was in effect.
     choices: Choices
     seed: int
-    recording: Recording
-    fresh: Bools | None
-    biases: BiasTruth
-    strides: Strides
-    flat: Floats | None
-    landmarks: tuple[Passing, ...]
-    field: Field
+    recording: Recording  # With `TrajectoryTruth`.
+    fresh: Bools | None  # (N,) True where the magnetometer has a new sample; None without one.
+    biases: BiasTruth  # Once a second.
+    strides: Strides  # Of the foot; for a pocket, of the foot below; none on a table.
+    flat: Floats | None  # (K + 1, 2) s, from when to when the foot stands flat; None for a pocket and a table.
+    landmarks: tuple[Passing, ...]  # In the order in which they are passed.
+    field: Field  # Of the surroundings and without them, by places in the course's frame.
     earth: Homogeneous
-    origin: Floats
-    drawn: dict[str, Any]
-    person: Person
+    origin: Floats  # (3,) m, the origin of the recording's truth in the course's frame.
+    drawn: dict[str, Any]  # The sensor as drawn and as switched on, for JSON.
+    person: Person  # Who walked.
 
     def nav_field(self, sample: Ints) -> Floats:
         """True field (F, 3) uT in nav where the sensor is at these samples (F,) of the recording."""
@@ -150,15 +136,10 @@ def simulate(
     person: Person | None = None,
     progress: Progress = say_nothing,
 ) -> SimulatedWalk:
-    """Simulate a scenario.
+    """Simulate a scenario, by name or one of your own, with what of it is to be otherwise.
 
-    Parameters
-    ----------
-    name : of the scenario, or one of your own.
-    seed : draws everything; sensor, mount and leg are the same in all scenarios of a seed.
-    choices : what of the scenario is to be otherwise.
-    person : who walks; None for somebody drawn by the seed.
-    progress : is called with the fraction done.
+    The seed draws everything; sensor, mount and leg are the same in all scenarios of a seed. `person` is who walks,
+    drawn by the seed if left out; `progress` is called with the fraction done.
 
     Raises `SimulationError` for names that do not exist and walks, sensors or fields that cannot be.
 
@@ -203,24 +184,14 @@ class Outing:
 
 @dataclass(frozen=True)
 class Carried:
-    """A sensor on a walk.
+    """A sensor on a walk."""
 
-    Attributes
-    ----------
-    sensor : as drawn.
-    strides : of the foot that it is on, or below the pocket.
-    motion : of the sensor.
-    flat : (K + 1, 2) s, from when to when the foot stands flat; None where it is on none.
-    streams : of what is new on this walk.
-    crossings : of landmarks by that foot.
-    """
-
-    sensor: Sensor
-    strides: Strides
-    motion: Motion
-    flat: Floats | None
-    streams: Streams
-    crossings: tuple[Crossing, ...]
+    sensor: Sensor  # As drawn.
+    strides: Strides  # Of the foot that it is on, or below the pocket.
+    motion: Motion  # Of the sensor.
+    flat: Floats | None  # (K + 1, 2) s, from when to when the foot stands flat; None where it is on none.
+    streams: Streams  # Of what is new on this walk.
+    crossings: tuple[Crossing, ...]  # Of landmarks by that foot.
 
 
 def carry_sensor(outing: Outing) -> Carried:
@@ -234,21 +205,33 @@ def record_walk(
     outing: Outing, carried: Carried, origin: Floats | None = None, progress: Progress = say_nothing
 ) -> SimulatedWalk:
     """What a sensor records; the truth's `origin` (3,) m in the course's frame is where it first is, or as given."""
-    run = carried.sensor.switch_on(carried.streams.of_this_walk("switched on"))
-    count = _count_samples(carried.strides.end_s, run.sensor.prior.rate_hz)
-    rows = _Rows.join_blocks(_measure_blocks(run, carried.motion, outing.field, count, progress), count)
-    origin = rows.position[0].copy() if origin is None else origin
-    clock_rate, seed = _clock_rate(run), outing.streams.seed
+    run, strides = carried.sensor.switch_on(carried.streams.of_this_walk("switched on")), carried.strides
+    rows = _measure_blocks(run, carried.motion, outing.field, strides.end_s, progress)
+    position = rows["position"]
+    origin = position[0].copy() if origin is None else origin
+    position -= origin
+    name, seed = outing.scenario.name, outing.streams.seed
+    provenance = Provenance(format="simulated", notes=(f"simulated: {name}, seed {seed}",))
+    # the truth is on the recording's clock, but without the delay of the stamps
+    truth = TrajectoryTruth(rows["taken"], position, rows["nav_R_body"])
+    clock_rate = 1.0 + run.sensor.clock_scale_error
+    seconds = np.arange(0.0, strides.end_s)
+    biases = run.biases_at(seconds)
     return SimulatedWalk(
         scenario=outing.scenario,
         choices=outing.choices,
         seed=seed,
-        recording=rows.recording(origin, f"{outing.scenario.name}, seed {seed}"),
-        fresh=rows.fresh,
-        biases=_sample_biases(run, carried.strides.end_s),
-        strides=_convert_clock(carried.strides, clock_rate),
+        recording=Recording(rows["t"], rows["acc"], rows["gyr"], rows.get("mag"), truth, provenance),
+        fresh=rows.get("fresh"),
+        biases=BiasTruth(seconds * clock_rate, biases.gyr, biases.acc),
+        strides=replace(
+            strides, **{name: clock_rate * getattr(strides, name) for name in ("start", "duration", "end_s")}
+        ),
         flat=None if carried.flat is None else carried.flat * clock_rate,
-        landmarks=_locate_landmarks(carried.crossings, carried.motion, origin, clock_rate),
+        landmarks=tuple(
+            Passing(c.landmark, c.time_s * clock_rate, carried.motion.at(np.array([c.time_s])).position[0] - origin)
+            for c in carried.crossings
+        ),
         field=outing.field,
         earth=outing.earth,
         origin=origin,
@@ -257,15 +240,11 @@ def record_walk(
     )
 
 
-def _count_samples(end_s: float, rate_hz: float) -> int:
-    return int(end_s * rate_hz)
-
-
 def _check_size(end_s: float, rate_hz: float) -> None:
     size = f"{end_s / 60:.1f} minutes at {rate_hz:g} Hz are {end_s * rate_hz:.2g} samples"
     if not end_s * rate_hz <= MAX_SAMPLES:
         raise SimulationError(f"{size}: make the walk shorter or the rate lower, for at most {MAX_SAMPLES}.")
-    if _count_samples(end_s, rate_hz) < MIN_SAMPLES:
+    if int(end_s * rate_hz) < MIN_SAMPLES:
         raise SimulationError(f"{size}: make the walk longer or the rate higher, for at least {MIN_SAMPLES}.")
 
 
@@ -273,7 +252,12 @@ def _plan_strides(chosen: Scenario, person: Person, streams: Streams) -> WalkPla
     sections = chosen.route(streams.of_this_walk("course"))
     sections = remove_rests(sections) if chosen.rests == "none" else sections
     if chosen.worn == "table":
-        return WalkPlan(make_no_strides(sections), (), (), Pose(np.zeros(3), 0.0), np.zeros(1))
+        seconds = [section.seconds for section in sections if isinstance(section, Stand)]
+        if len(seconds) < len(sections):
+            raise SimulationError("a sensor on a table goes nowhere: wear it, or choose a course without strides.")
+        none, place = np.zeros(0), np.zeros((1, 3))
+        strides = Strides(none, none, place, np.zeros(1), none.astype(np.int64), float(sum(seconds)))
+        return WalkPlan(strides, (), (), Pose(place[0], 0.0), np.zeros(1))
     return plan_walk(sections, person, streams.of_this_walk("strides"))
 
 
@@ -281,11 +265,12 @@ def _make_motion(outing: Outing) -> tuple[Motion, Floats | None]:
     """Motion of the sensor, and from when to when (K + 1, 2) s the foot stands flat, if it is on one."""
     chosen, strides, streams = outing.scenario, outing.plan.strides, outing.streams
     if chosen.worn == "table":
-        return Lying.draw(streams.of_this_walk("table")), None
+        tilt = streams.of_this_walk("table").normal(0.0, TABLE_TILT_RAD, 3)
+        return Lying(np.asarray(Rotation.from_rotvec(tilt).as_matrix())), None
     if chosen.worn == "pocket":
         pocket = Pocket(tilt_rad=0.0) if chosen.aligned else Pocket()
         return build_thigh_motion(strides, pocket, streams.of_this_walk("leg"), streams.lasting("leg")), None
-    foot = build_foot(chosen, strides, outing.person, find_mount(chosen.worn), streams)
+    foot = build_foot(chosen, strides, outing.person, MOUNTS[chosen.worn], streams)
     return foot, foot.flat
 
 
@@ -295,92 +280,29 @@ def build_foot(chosen: Scenario, strides: Strides, person: Person, mount: Mount,
     return build_foot_motion(strides, person, drawn, streams.of_this_walk("foot"), chosen.rests != "still")
 
 
-@dataclass(frozen=True)
-class _Rows:
-    """Samples that arrived, M, with the true pose at each; `taken` is when they were, without delay."""
-
-    t: Floats
-    taken: Floats
-    acc: Floats
-    gyr: Floats
-    mag: Floats | None
-    fresh: Bools | None
-    position: Floats
-    nav_R_body: Floats
-
-    @classmethod
-    def join_blocks(cls, blocks: Iterable[_Rows], most: int) -> _Rows:
-        """One block after the other, `most` rows at most: each is put in its place, so that none is held twice."""
-        columns: list[Any] = []
-        count = 0
-        for block in blocks:
-            parts = [getattr(block, item.name) for item in fields(cls)]
-            columns = columns or [_allocate(part, most) for part in parts]
-            for column, part in zip(columns, parts, strict=True):
-                if column is not None:
-                    column[count : count + len(part)] = part
-            count += len(block.t)
-        trimmed: list[Any] = [None if column is None else column[:count] for column in columns]
-        return cls(*trimmed)
-
-    def recording(self, origin: Floats, name: str) -> Recording:
-        """The recording, its truth on the same clock but without the delay of the stamps; moves `position`."""
-        self.position[:] -= origin
-        truth = TrajectoryTruth(self.taken, self.position, self.nav_R_body)
-        provenance = Provenance(format="simulated", notes=(f"simulated: {name}",))
-        return Recording(self.t, self.acc, self.gyr, self.mag, truth, provenance)
-
-
-def _allocate(part: Floats | Bools | None, count: int) -> Floats | Bools | None:
-    """An array for so many rows like those of `part`; the system gives memory for what is written only."""
-    return None if part is None else np.empty((count, *part.shape[1:]), dtype=part.dtype)
-
-
-def _measure_blocks(run: SensorRun, motion: Motion, field: Field, count: int, progress: Progress) -> Iterator[_Rows]:
-    """So many samples of what the sensor records of a motion, block after block."""
+def _measure_blocks(
+    run: SensorRun, motion: Motion, field: Field, end_s: float, progress: Progress
+) -> dict[str, npt.NDArray[Any]]:
+    """Columns of what the sensor records of a motion, block after block, with the true pose at each sample."""
     period_s = run.sensor.prior.period_s
+    count = int(end_s * run.sensor.prior.rate_hz)
+    columns: dict[str, list[npt.NDArray[Any]]] = {}
+
+    def body_field(instants: Floats) -> Floats:
+        state = motion.at(instants)
+        return np.asarray(np.einsum("nji,nj->ni", state.nav_R_body, field.at(state.position)))
+
     for begin in range(0, count, BLOCK):
         t = np.arange(begin, min(begin + BLOCK, count), dtype=np.float64) * period_s
         state = motion.at(t)
-        rate, force = motion.sampled(t, period_s)
-        samples = run.measure(t, rate, force, lambda instants: _rotate_field(motion.at(instants), field))
+        samples = run.measure(t, *motion.sampled(t, period_s), body_field)
+        parts = {name: getattr(samples, name) for name in ("t", "taken", "acc", "gyr", "mag", "fresh")}
+        parts |= {"position": state.position[samples.row], "nav_R_body": state.nav_R_body[samples.row]}
+        for name, part in parts.items():
+            if part is not None:
+                columns.setdefault(name, []).append(part)
         progress((begin + len(t)) / count)
-        yield _Rows(
-            samples.t, samples.taken, samples.acc, samples.gyr, samples.mag, samples.fresh,
-            state.position[samples.row], state.nav_R_body[samples.row],
-        )  # fmt: skip
-
-
-def _rotate_field(state: Kinematics, field: Field) -> Floats:
-    turned: Floats = np.einsum("nji,nj->ni", state.nav_R_body, field.at(state.position))
-    return turned
-
-
-def _clock_rate(run: SensorRun) -> float:
-    """Seconds of the recording's clock in a true second."""
-    return 1.0 + run.sensor.clock.scale_error
-
-
-def _convert_clock(strides: Strides, clock_rate: float) -> Strides:
-    """The same strides, by a clock of this rate."""
-    start, duration = strides.start * clock_rate, strides.duration * clock_rate
-    return replace(strides, start=start, duration=duration, end_s=strides.end_s * clock_rate)
-
-
-def _sample_biases(run: SensorRun, end_s: float) -> BiasTruth:
-    t = np.arange(0.0, end_s)
-    biases = run.biases_at(t)
-    return BiasTruth(t * _clock_rate(run), biases.gyr, biases.acc)
-
-
-def _locate_landmarks(
-    crossings: Sequence[Crossing], motion: Motion, origin: Floats, clock_rate: float
-) -> tuple[Passing, ...]:
-    if not crossings:
-        return ()
-    t = np.array([crossing.time_s for crossing in crossings])
-    place = motion.at(t).position - origin
-    return tuple(Passing(c.landmark, float(s), p) for c, s, p in zip(crossings, t * clock_rate, place, strict=True))
+    return {name: np.concatenate(columns.pop(name)) for name in tuple(columns)}
 
 
 TABLE_TILT_RAD = 0.01  # About each axis, standard deviation: tables and cases are level to half a degree (assumed).
@@ -392,11 +314,6 @@ class Lying:
 
     nav_R_body: Floats
 
-    @classmethod
-    def draw(cls, rng: np.random.Generator) -> Lying:
-        """Draw a table that is not quite level."""
-        return cls(Rotation.from_rotvec(rng.normal(0.0, TABLE_TILT_RAD, 3)).as_matrix())
-
     def at(self, t: Floats) -> Kinematics:
         """Exact state at instants `t` (N,) s."""
         nothing, force = np.zeros((len(t), 3)), np.tile(GRAVITY_M_S2 * self.nav_R_body[2], (len(t), 1))
@@ -406,12 +323,3 @@ class Lying:
         """Rate (N, 3) rad/s and specific force (N, 3) m/s^2, each the mean over [t, t + period]."""
         state = self.at(t)
         return state.rate, state.force
-
-
-def make_no_strides(sections: Sequence[Section]) -> Strides:
-    """No strides, for as long as the sections last; raises `SimulationError` if one of them goes anywhere."""
-    seconds = [section.seconds for section in sections if isinstance(section, Stand)]
-    if len(seconds) < len(sections):
-        raise SimulationError("a sensor on a table goes nowhere: wear it, or choose a course without strides.")
-    none = np.zeros(0)
-    return Strides(none, none, np.zeros((1, 3)), np.zeros(1), none.astype(np.int64), float(sum(seconds)))

@@ -1,8 +1,11 @@
-"""Cylinders, dipoles and circuits against the laws of magnetostatics."""
+"""Cylinders, dipoles and circuits against the laws of magnetostatics, and the Earth's field."""
+
+import sys
 
 import numpy as np
 import pytest
 
+from fg_nav.earth import Place, compute_field
 from fg_nav.errors import SimulationError
 from fg_nav.frames import yaw_rotation
 from fg_nav.lab.simulation.fields import (
@@ -12,20 +15,24 @@ from fg_nav.lab.simulation.fields import (
     Circuit,
     Cylinders,
     Dipoles,
+    Homogeneous,
     Sum,
-    compute_sphere_moment,
-    compute_spheroid_moment,
-    curl,
-    divergence,
-    gradient,
+    find_earth_field,
     magnet,
     make_earth_field,
-    make_upright_loop,
-    rod,
     street,
 )
-from fg_nav.lab.simulation.fields.field import CAR_M, STREETLIGHT_M, TEMPLATE_LENGTH_M
-from fg_nav.lab.simulation.fields.sources import IRON_MU_R, compute_demagnetizing_factor
+from fg_nav.lab.simulation.fields.field import (
+    CAR_M,
+    IRON_MU_R,
+    STREETLIGHT_M,
+    TEMPLATE_LENGTH_M,
+    UP,
+    compute_demagnetizing_factor,
+    compute_spheroid_moment,
+    rod,
+)
+from tests.lab.simulation.magnetostatics import is_magnetic, measure_sources
 
 MU_0 = 4 * np.pi * 0.1  # In uT m / A.
 
@@ -51,7 +58,7 @@ def beside(count=200, least=0.4, most=3.0, seed=0):
     return np.stack([distance * np.sin(angle), distance * np.cos(angle), rng.uniform(0, 2, count)], axis=1)
 
 
-LOOP = make_upright_loop(np.array([-2.0, -4.0, 0.0]), np.array([3.0, -4.0, 0.0]), 2.8, 7.0)
+LOOP = Circuit(np.array([[-2.0, -4.0, 0.0], [3.0, -4.0, 0.0], [3.0, -4.0, 2.8], [-2.0, -4.0, 2.8]]), 7.0)
 
 
 @pytest.mark.parametrize(
@@ -68,17 +75,13 @@ LOOP = make_upright_loop(np.array([-2.0, -4.0, 0.0]), np.array([3.0, -4.0, 0.0])
     ids=["cylinder", "skew cylinder", "pole", "magnet", "rod", "circuit", "sum"],
 )
 def test_a_magnetic_field_has_neither_divergence_nor_curl(field, position):
-    changes = gradient(field, position)
-    largest = np.abs(changes).max()
-    assert np.abs(divergence(changes)).max() <= 1e-4 * largest
-    assert np.abs(curl(changes)).max() <= 1e-4 * largest
+    assert is_magnetic(field, position)
 
 
 def test_the_printed_exponent_makes_no_magnetic_field():
-    changes = gradient(one_cylinder(exponent=AS_PRINTED), beside())
-    size = np.linalg.norm(changes, axis=(1, 2))
-    assert np.median(np.abs(divergence(changes)) / size) > 0.1
-    assert np.median(np.linalg.norm(curl(changes), axis=1) / size) > 0.1
+    divergence, curl, size = measure_sources(one_cylinder(exponent=AS_PRINTED), beside())
+    assert np.median(divergence / size) > 0.1
+    assert np.median(curl / size) > 0.1
 
 
 @pytest.mark.parametrize("exponent", [PHYSICAL, AS_PRINTED])
@@ -114,22 +117,6 @@ def test_the_upward_part_and_what_is_far_are_untouched():
     assert np.all(one_cylinder(SKEW).at(beside())[:, 2] == SKEW.vector[2])
     np.testing.assert_allclose(one_cylinder(SKEW).at(beside(least=300, most=400)), SKEW.at(beside()), atol=1e-4)
     np.testing.assert_allclose(one_cylinder(SKEW, mu_r=1.0).at(beside()), SKEW.at(beside()), atol=1e-12)
-
-
-def test_a_path_through_iron_is_refused():
-    with pytest.raises(SimulationError, match=r"inside the cylinder of radius 0.3 m at \(0.00, 0.00\) m"):
-        one_cylinder().at(np.array([[5.0, 0, 0], [0.1, 0.2, 0]]))
-
-
-@pytest.mark.parametrize("options", [{"radius": 0.0}, {"mu_r": 0.5}, {"exponent": 0.0}])
-def test_a_cylinder_that_cannot_be_is_refused(options):
-    with pytest.raises(SimulationError, match="cylinder"):
-        one_cylinder(**options)
-
-
-def test_cylinders_and_radii_must_match():
-    with pytest.raises(SimulationError, match="do not match"):
-        Cylinders(np.zeros((2, 2)), np.ones(3), SKEW)
 
 
 def test_in_its_cell_a_cylinder_is_alone():
@@ -172,11 +159,6 @@ def test_a_street_repeats_and_turns():
     np.testing.assert_allclose(north.at(position @ turn.T + [5, 7, 0]), east.at(position) @ turn.T, atol=1e-9)
 
 
-def test_a_street_without_length_is_refused():
-    with pytest.raises(SimulationError, match="street"):
-        street(SKEW, 0.0)
-
-
 def test_a_magnet_has_the_field_of_a_small_current_loop():
     """Area times current is the moment: Biot-Savart against the dipole."""
     angle = np.linspace(0, 2 * np.pi, 2000, endpoint=False)
@@ -206,7 +188,7 @@ def test_flux_passes_the_pole_of_an_iron_sphere():
     """Inside, B = 3 mu_r / (mu_r + 2) B_far; outside, B_far and a dipole."""
     radius, far = 0.4, SITES["munich"].vector
     pole = radius * far / np.linalg.norm(far)
-    outside = far + magnet(np.zeros(3), compute_sphere_moment(far, radius)).at(pole[None])[0]
+    outside = far + magnet(np.zeros(3), compute_spheroid_moment(far, UP, radius, radius)).at(pole[None])[0]
     np.testing.assert_allclose(outside, 3 * IRON_MU_R / (IRON_MU_R + 2) * far, rtol=1e-9)
 
 
@@ -261,19 +243,63 @@ def test_around_a_wire_the_field_adds_up_to_the_current():
     assert elsewhere == pytest.approx(0.0, abs=1e-4)
 
 
+IMPOSSIBLE = {
+    "within 1 cm of a dipole": lambda: magnet(np.zeros(3), np.ones(3)).at(np.array([[0.001, 0, 0]])),
+    "2 positions but 3 moments": lambda: Dipoles(np.zeros((2, 3)), np.ones((3, 3))),
+    "moment of shape": lambda: Dipoles(np.zeros((2, 3)), np.ones((2, 2))),
+    "position of shape": lambda: Dipoles(np.full((1, 3), np.nan), np.ones((1, 3))),
+    "spheroid": lambda: compute_spheroid_moment(np.ones(3), UP, -1.0, -1.0),
+    "corners": lambda: Circuit(np.zeros((2, 3)), 1.0),
+    "conductor": lambda: LOOP.at(LOOP.corners[:1]),
+    "inside the cylinder of radius 0.3 m at .0.00, 0.00. m": lambda: one_cylinder().at(np.array([[0.1, 0.2, 0]])),
+    "a cylinder needs": lambda: one_cylinder(radius=0.0),
+    "an exponent above 0": lambda: one_cylinder(exponent=0.0),
+    "do not match": lambda: Cylinders(np.zeros((2, 2)), np.ones(3), SKEW),
+    "a street of": lambda: street(SKEW, 0.0),
+    "north-pole, equator, munich": lambda: find_earth_field("atlantis"),
+    "strength": lambda: make_earth_field(np.nan, 60.0),
+    "dip": lambda: make_earth_field(48.0, 91.0),
+    "declination": lambda: make_earth_field(48.0, 60.0, np.inf),
+    "nav_field_uT": lambda: Homogeneous((1.0, 2.0, np.nan)),
+}
+
+
+def test_what_cannot_be_is_refused_in_a_sentence():
+    for words, make in IMPOSSIBLE.items():
+        with pytest.raises(SimulationError, match=words):
+            make()
+
+
+# ---- the Earth's
+
+
 @pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (lambda: magnet(np.zeros(3), np.ones(3)).at(np.array([[0.001, 0, 0]])), "within 1 cm of a dipole"),
-        (lambda: magnet(np.zeros(3), np.ones(3)).at(np.zeros((1, 3))), "within 1 cm of a dipole"),
-        (lambda: Dipoles(np.zeros((2, 3)), np.ones((3, 3))), "2 positions but 3 moments"),
-        (lambda: Dipoles(np.zeros((2, 3)), np.ones((2, 2))), "moment of shape"),
-        (lambda: Dipoles(np.full((1, 3), np.nan), np.ones((1, 3))), "position of shape"),
-        (lambda: compute_sphere_moment(np.ones(3), -1.0), "spheroid"),
-        (lambda: Circuit(np.zeros((2, 3)), 1.0), "corners"),
-        (lambda: LOOP.at(LOOP.corners[:1]), "conductor"),
-    ],
+    ("name", "printed"), [("north-pole", (0, 0, -65)), ("equator", (0, 25, 0)), ("munich", (0, 21.04, -43.14))]
 )
-def test_what_cannot_be_is_refused_in_a_sentence(make, words):
-    with pytest.raises(SimulationError, match=words):
-        make()
+def test_the_sites_are_those_of_the_table_and_each_place_has_its_own_row(name, printed):
+    assert find_earth_field(name) is SITES[name]
+    felt = SITES[name].at(np.random.default_rng(0).normal(size=(5, 3)))
+    np.testing.assert_allclose(felt, [printed] * 5, atol=0.006)
+    felt[0] = 0.0
+    np.testing.assert_array_equal(felt[1:], np.tile(SITES[name].vector, (4, 1)))
+
+
+def test_a_field_has_the_strength_and_direction_asked_for():
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        asked = rng.uniform([1, -89, -179], [70, 89, 179])
+        east, north, up = make_earth_field(*asked).vector
+        horizontal = np.hypot(east, north)
+        got = np.hypot(horizontal, up), np.degrees(np.arctan2(-up, horizontal)), np.degrees(np.arctan2(east, north))
+        np.testing.assert_allclose(got, asked, rtol=1e-9, atol=1e-9)
+
+
+def test_a_place_is_where_the_model_has_it_and_what_it_refuses_is_named_as_a_site(monkeypatch):
+    pytest.importorskip("pygeomag", reason="the extra wmm is not installed")
+    written = "48.165, 11.277, 2015-04-15"
+    np.testing.assert_array_equal(find_earth_field(written).vector, compute_field(Place.parse(written)).vector)
+    with pytest.raises(SimulationError, match=r"not on the Earth.* or choose one of north-pole"):
+        find_earth_field("91,0,2026-01-01")
+    monkeypatch.setitem(sys.modules, "pygeomag", None)
+    with pytest.raises(SimulationError, match=r"pip install 'fg-nav\[wmm\]'.*north-pole"):
+        find_earth_field("48.1,11.6,2026-11-21")

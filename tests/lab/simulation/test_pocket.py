@@ -7,14 +7,12 @@ import pytest
 
 from fg_nav.errors import SimulationError
 from fg_nav.frames import yaw_rotation
-from fg_nav.lab.allan import compute_allan_curve
 from fg_nav.lab.reproduce.munoz_diaz2017.walks import BORDER_S, mark_borders, replace_field
 from fg_nav.lab.simulation import SCENARIOS, Choices, Person, routes, simulate
 from fg_nav.lab.simulation.fields import PAST_CARS, SITES, Cylinders, Homogeneous, Sum, street
 from fg_nav.lab.simulation.path import straight
 from fg_nav.lab.simulation.plan import Stand, Walk, plan
-from fg_nav.lab.simulation.sensors import IronPrior, SensorPrior, preset
-from fg_nav.lab.simulation.sensors.triad import Drift, DriftPath
+from fg_nav.lab.simulation.sensors import preset
 
 TABLE_1 = {"north-pole": [0, 0, -65.0], "equator": [0, 25.0, 0], "munich": [0, 21.0418, -43.1421]}
 
@@ -36,17 +34,6 @@ def test_in_nav_the_field_of_a_pocket_is_that_of_table_1(site):
     np.testing.assert_allclose(nav_field, np.tile(TABLE_1[site], (len(nav_field), 1)), atol=1e-3)
 
 
-def test_the_emulated_gyroscope_has_the_noise_density_of_table_2():
-    """0.1 deg/s a sample, white, at 100 Hz: an Allan deviation of 0.01 deg/s after 1 s, falling with the root."""
-    lying = replace(SCENARIOS["at-rest"], route=lambda rng: [Stand(1800.0)], sensor="munoz-diaz-table-2")
-    recording = simulate(lying, 4).recording
-    factors = np.array([1, 10, 100, 1000])
-    curves = [compute_allan_curve(np.degrees(axis), 0.01, factors).deviation for axis in recording.gyr.T]
-    np.testing.assert_allclose(np.mean(curves, axis=0), [0.1, 0.1 / 10**0.5, 0.01, 0.01 / 10**0.5], rtol=0.05)
-    np.testing.assert_allclose(np.degrees(recording.gyr.mean(axis=0)), [-0.1, 0.1, -0.1], atol=1e-3)
-    np.testing.assert_allclose(recording.mag.std(axis=0), 0.015, rtol=0.02)
-
-
 def test_the_biases_of_table_3_are_met_at_both_ends():
     prior = preset("munoz-diaz-table-3")
     ends = []
@@ -55,19 +42,6 @@ def test_the_biases_of_table_3_are_met_at_both_ends():
         ends.append(np.degrees(run.biases_at(np.array([0.0, 44 * 60.0])).gyr))
     np.testing.assert_allclose(np.mean(ends, axis=0), [[-0.12, 0.06, -0.12], [-0.13, 0.05, -0.22]], atol=0.003)
     assert np.std(ends, axis=0).min() > 0.002  # 20 deg/h over the root of two, of the AR(1)
-
-
-def test_a_trend_is_a_straight_line_beside_what_wanders():
-    t = np.array([-1.0, 0.0, 30.0, 600.0])
-    trend = np.array([1e-3, 0.0, -2e-3])
-    plain, tilted = (
-        DriftPath(Drift(0.1, 50.0, 0.01, tuple(m)), np.random.default_rng(1)).at(t) for m in (0 * trend, trend)
-    )
-    np.testing.assert_allclose(tilted - plain, np.maximum(t, 0)[:, None] * trend, atol=1e-15)
-    with pytest.raises(SimulationError, match="trend"):
-        Drift(trend=(np.nan, 0.0, 0.0))
-    with pytest.raises(SimulationError, match="trend"):
-        SensorPrior("x", 100.0, gyr=replace(preset("ideal").gyr, drift=Drift(trend=(1e9, 0.0, 0.0))))
 
 
 def test_aligned_the_sensor_stands_upright_and_looks_ahead():
@@ -97,7 +71,7 @@ def strength_by_minute(seed):
     return t / 60.0, np.linalg.norm(field.at(place), axis=1), field, place
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_cars_are_passed_at_16_and_32_minutes_and_lamps_at_24_and_35(seed):
     minute, strength, field, place = strength_by_minute(seed)
     near = np.zeros(len(minute), dtype=bool)
@@ -152,7 +126,3 @@ def test_a_walk_without_attitudes_is_refused(ideal):
     bare = replace(ideal, recording=replace(ideal.recording, truth=None))
     with pytest.raises(SimulationError, match="no true attitude"):
         replace_field(bare, SITES["munich"], 0.0, np.random.default_rng(0))
-
-
-def test_the_mtw_of_table_3_has_iron_to_be_calibrated():
-    assert preset("munoz-diaz-table-3").iron != IronPrior()

@@ -1,7 +1,6 @@
 """Courses of the papers' experiments: their lengths, strides and durations, and what they look like."""
 
 import inspect
-import time
 
 import numpy as np
 import pytest
@@ -51,44 +50,29 @@ def turned_in_three_strides(path):
     return np.degrees(np.abs(path.at(s + 3.9)[1] - path.at(s)[1]))
 
 
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("name", PRINTED)
-def test_lengths_strides_and_durations_are_the_printed_ones(name, seed):
-    length_m, count, seconds = PRINTED[name]
-    strides = walked(name, seed)
-    assert whole_length(drawn(name, seed)) == pytest.approx(length_m, rel=2e-3 if name == "demo" else 1e-9)
-    assert count is None or len(strides) == count
-    assert seconds is None or strides.end_s == pytest.approx(seconds, rel=0.03)
-
-
-@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("name", ALL)
-def test_courses_begin_at_the_origin_and_rest_at_both_ends(name, seed):
-    sections, strides = drawn(name, seed), walked(name, seed)
-    assert isinstance(sections[0], Stand)
-    assert isinstance(sections[-1], Stand)
-    assert strides.start[0] >= 5.0
-    assert strides.end_s - (strides.start + strides.duration)[-1] >= 5.0 - 1e-9
-    assert np.linalg.norm(strides.footprint[0]) == pytest.approx(0.09)
+def test_lengths_strides_and_durations_are_the_printed_ones_between_rests_at_the_origin(name):
+    length_m, count, seconds = PRINTED.get(name, (None, None, None))
+    for seed in range(3):
+        sections, strides = drawn(name, seed), walked(name, seed)
+        if length_m:
+            assert whole_length(sections) == pytest.approx(length_m, rel=2e-3 if name == "demo" else 1e-9)
+        assert count is None or len(strides) == count
+        assert seconds is None or strides.end_s == pytest.approx(seconds, rel=0.03)
+        assert isinstance(sections[0], Stand)
+        assert isinstance(sections[-1], Stand)
+        assert strides.start[0] >= 5.0
+        assert strides.end_s - (strides.start + strides.duration)[-1] >= 5.0 - 1e-9
+        assert np.linalg.norm(strides.footprint[0]) == pytest.approx(0.09)
+        if name in OPEN:
+            assert np.linalg.norm(strides.footprint[-1] - strides.footprint[0]) > 350.0
+        else:
+            np.testing.assert_array_equal(strides.footprint[-1], strides.footprint[0])
+            rounds = (strides.heading[-1] - strides.heading[0]) / (2 * np.pi)
+            assert rounds == pytest.approx(round(rounds), abs=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("name", sorted(set(ALL) - set(OPEN)))
-def test_closed_courses_end_as_they_began(name, seed):
-    strides = walked(name, seed)
-    np.testing.assert_array_equal(strides.footprint[-1], strides.footprint[0])
-    rounds = (strides.heading[-1] - strides.heading[0]) / (2 * np.pi)
-    assert rounds == pytest.approx(round(rounds), abs=1e-9)
-
-
-@pytest.mark.parametrize("seed", range(5))
-@pytest.mark.parametrize("name", OPEN)
-def test_open_courses_end_far_away(name, seed):
-    strides = walked(name, seed)
-    assert np.linalg.norm(strides.footprint[-1] - strides.footprint[0]) > 350.0
-
-
-@pytest.mark.parametrize("seed", range(8))
 def test_the_office_is_three_equal_loops_to_the_right_mostly_straight(seed):
     path = path_of("office", seed)
     third, s = path.length_m / 3, np.linspace(0, path.length_m / 3, 500)
@@ -98,7 +82,7 @@ def test_the_office_is_three_equal_loops_to_the_right_mostly_straight(seed):
     assert np.mean(turned_in_three_strides(path) > 4.0) < 0.30
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("name", ["mall", "mall_open"])
 def test_the_mall_winds_most_of_the_time(name, seed):
     path = path_of(name, seed)
@@ -119,7 +103,7 @@ def test_fourteen_landmarks_are_crossed_in_each_of_three_laps():
     assert len(plan_walk(drawn("mall_open"), Person(), np.random.default_rng(0)).crossings) == 42
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(4))
 def test_some_feet_come_down_near_the_magnet_and_none_on_it(seed):
     strides = walked("magnet_corridor", seed)
     away = np.linalg.norm(strides.footprint - np.array(routes.MAGNET_POSITION), axis=1)
@@ -177,9 +161,3 @@ def test_a_seed_draws_the_building():
     one, again, other = (path_of("mall", seed) for seed in (1, 1, 2))
     np.testing.assert_array_equal(one.position, again.position)
     assert np.linalg.norm(one.at([400.0])[0] - other.at([400.0])[0]) > 0.3
-
-
-def test_planning_the_mall_is_quick():
-    began = time.process_time()
-    walked("mall")
-    assert time.process_time() - began < 1.0

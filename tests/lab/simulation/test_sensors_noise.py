@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from fg_nav.arrays import Floats
-from fg_nav.lab.simulation.sensors import Drift, TriadPrior
-from fg_nav.lab.simulation.sensors.triad import DriftPath, digitize
+from fg_nav.lab.simulation.sensors import Drift, TriadPrior, preset
+from fg_nav.lab.simulation.sensors.triad import DriftPath, TriadRun, digitize
 
 
 def allan(rate: Floats, period_s: float, tau_s: float) -> float:
@@ -20,7 +20,7 @@ def at_rest(prior: TriadPrior, rate_hz: float, duration_s: float, seed: int = 0)
     """Readings of a triad of which nothing moves."""
     rng = np.random.default_rng(seed)
     t = np.arange(round(duration_s * rate_hz)) / rate_hz
-    return prior.draw(rng).switch_on(rng, rate_hz).measure(t, np.zeros((len(t), 3)))
+    return TriadRun(prior.draw(rng), rng, rate_hz).measure(t, np.zeros((len(t), 3)))
 
 
 def markov_allan(sd: float, time_s: float, tau_s: float) -> float:
@@ -40,6 +40,8 @@ def test_a_random_walk_rises_with_the_root() -> None:
     rate = at_rest(TriadPrior(drift=Drift(walk=0.01)), 5.0, 40000.0)
     for tau_s in (10.0, 40.0, 160.0):
         assert allan(rate, 0.2, tau_s) == pytest.approx(0.01 * np.sqrt(tau_s / 3), rel=0.12)
+    paths = [DriftPath(Drift(walk=0.5), np.random.default_rng(i)).at(np.array([0.0, 900.0])) for i in range(800)]
+    assert np.std(paths, axis=(0, 2)) == pytest.approx([0.0, 0.5 * 30.0], rel=0.07)
 
 
 def test_gauss_markov_has_its_hump_where_theory_has_it() -> None:
@@ -60,7 +62,7 @@ def test_gauss_markov_forgets_at_its_time_and_starts_anywhere() -> None:
 
 
 def test_munoz_diaz_recursion_has_the_same_spread() -> None:
-    """MD (10), (11), (24), (25), sample by sample at 100 Hz: the stationary spread is that of `of_instability`."""
+    """MD (10), (11), (24), (25), sample by sample at 100 Hz: the stationary spread is B / sqrt(2)."""
     lowest, time_s = 0.01, 5.0
     tau = time_s * 100.0
     rng = np.random.default_rng(3)
@@ -68,17 +70,8 @@ def test_munoz_diaz_recursion_has_the_same_spread() -> None:
     for i in range(6000):
         bias = np.exp(-1 / tau) * bias + lowest / np.sqrt(tau) * rng.standard_normal(2000)
         total += np.mean(bias**2) if i >= 3000 else 0.0
-    drift = Drift.of_instability(lowest, time_s)
-    assert drift.time_s == time_s
-    assert np.sqrt(total / 3000) == pytest.approx(drift.sd, rel=0.05)
-
-
-def test_a_random_walk_starts_at_nothing_and_spreads() -> None:
-    drift = Drift(walk=0.5)
-    t = np.array([0.0, 4.0, 900.0, 2500.0])
-    paths = np.stack([DriftPath(drift, np.random.default_rng(i)).at(t) for i in range(800)])
-    assert not paths[:, 0].any()
-    assert paths[:, 1:].std(axis=(0, 2)) == pytest.approx(0.5 * np.sqrt(t[1:]), rel=0.07)
+    assert np.sqrt(total / 3000) == pytest.approx(lowest / np.sqrt(2), rel=0.05)
+    assert preset("kvh-1750").gyr.drift.sd == pytest.approx(np.deg2rad(0.05 / 3600) / np.sqrt(2), rel=1e-4)
 
 
 def test_drift_does_not_depend_on_who_asks() -> None:
@@ -102,7 +95,7 @@ def test_parameters_are_drawn_with_their_spread() -> None:
     assert np.stack([triad.g_sensitivity for triad in triads]).std(axis=0) == pytest.approx(
         np.full((3, 3), 0.004), rel=0.1
     )
-    bias = np.stack([triads[0].switch_on(rng, 100.0).turn_on_bias for _ in range(2000)])
+    bias = np.stack([TriadRun(triads[0], rng, 100.0).turn_on_bias for _ in range(2000)])
     assert bias.mean(axis=0) == pytest.approx([1.0, -2.0, 0.5], abs=0.02)
     assert bias.std(axis=0) == pytest.approx([0.2, 0.2, 0.2], rel=0.06)
 
@@ -111,7 +104,7 @@ def test_a_gyroscope_feels_force_in_proportion() -> None:
     rng = np.random.default_rng(1)
     triad = TriadPrior(g_sensitivity_sd=0.01).draw(rng)
     t, still = np.arange(3) / 100.0, np.zeros((3, 3))
-    reading = triad.switch_on(rng, 100.0).measure(t, still, 9.8 * np.eye(3))
+    reading = TriadRun(triad, rng, 100.0).measure(t, still, 9.8 * np.eye(3))
     assert reading == pytest.approx(9.8 * triad.g_sensitivity.T)
     assert np.abs(reading).min() > 1e-5
 
@@ -126,3 +119,11 @@ def test_a_range_ends_and_steps_are_of_one_size() -> None:
     error = (reading - ramp)[inside]
     assert np.abs(error).max() <= 0.0625 + 1e-12
     assert error.std() == pytest.approx(0.125 / np.sqrt(12), rel=0.02)
+
+
+def test_a_trend_is_a_straight_line_beside_what_wanders() -> None:
+    t, trend = np.array([-1.0, 0.0, 30.0, 600.0]), np.array([1e-3, 0.0, -2e-3])
+    plain, tilted = (
+        DriftPath(Drift(0.1, 50.0, 0.01, tuple(m)), np.random.default_rng(1)).at(t) for m in (0 * trend, trend)
+    )
+    np.testing.assert_allclose(tilted - plain, np.maximum(t, 0)[:, None] * trend, atol=1e-15)

@@ -7,10 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fg_nav.errors import SimulationError
-from fg_nav.frames import GRAVITY_M_S2, wrap_angle
+from fg_nav.frames import GRAVITY_M_S2, compute_heading, wrap_angle
 from fg_nav.lab.simulation import SCENARIOS, Choices, Scenario, SimulatedWalk, simulate, walk
 from fg_nav.lab.simulation.path import polyline
 from fg_nav.lab.simulation.plan import Stand, Walk
+from fg_nav.lab.simulation.scenario_file import parse_scenario
 from fg_nav.lab.simulation.sensors import ClockPrior, preset
 from fg_nav.recording import Recording
 
@@ -35,7 +36,8 @@ def strapdown(recording: Recording, begin_s: float, end_s: float) -> tuple[float
     """Errors of position (m, rms) and attitude (rad, rms) on the way, of steps of constant rate and force from rest."""
     truth, dt = recording.truth, recording.period_s
     steps = range(round(begin_s / dt), round(end_s / dt))
-    R, v, p = truth.nav_R_body[steps.start], np.zeros(3), truth.position[steps.start].copy()
+    R, p = truth.nav_R_body[steps.start], truth.position[steps.start].copy()
+    v = (truth.position[steps.start + 1] - truth.position[steps.start - 1]) / (2 * dt)  # one who stands sways
     half = Rotation.from_rotvec(recording.gyr * dt / 2).as_matrix()
     away, turned = [], []
     for k in steps:
@@ -70,11 +72,15 @@ def test_the_field_turned_back_is_that_of_the_place(ideal):
     assert np.ptp(np.linalg.norm(expected, axis=1)) > 5.0  # it is not homogeneous
 
 
-def test_at_rest_a_sensor_shows_gravity_and_its_bias(real):
-    still = real.recording.t < 2.5
-    gyr = real.recording.gyr[still].mean(axis=0) - real.biases.gyr[:3].mean(axis=0)
+def test_at_rest_a_sensor_shows_gravity_its_bias_and_a_noise_of_its_own(real):
+    recording, prior = real.recording, real.scenario.prior
+    still = recording.t < 2.5
+    gyr = recording.gyr[still].mean(axis=0) - real.biases.gyr[:3].mean(axis=0)
     assert np.rad2deg(np.abs(gyr)).max() < 0.05  # g-sensitivity and what noise leaves
-    assert abs(np.linalg.norm(real.recording.acc[still].mean(axis=0)) - GRAVITY_M_S2) < 0.1
+    assert abs(np.linalg.norm(recording.acc[still].mean(axis=0)) - GRAVITY_M_S2) < 0.1
+    for samples, triad in ((recording.acc, prior.acc), (recording.gyr, prior.gyr)):
+        noise = np.diff(samples[still], axis=0).std(axis=0) / np.sqrt(2)
+        np.testing.assert_allclose(noise, triad.noise_density * np.sqrt(prior.rate_hz), rtol=0.2)
 
 
 def test_the_foot_is_slow_where_it_is_said_to_be_flat_and_fast_elsewhere(ideal):
@@ -89,18 +95,36 @@ def test_the_foot_is_slow_where_it_is_said_to_be_flat_and_fast_elsewhere(ideal):
 
 
 def test_truth_begins_at_the_origin_and_goes_as_far_as_the_course(ideal):
-    position = ideal.recording.truth.position
+    position, footprint = ideal.recording.truth.position, ideal.strides.footprint
     np.testing.assert_array_equal(position[0], 0.0)
-    np.testing.assert_allclose(
-        position[-1, :2], ideal.strides.footprint[-1, :2] - ideal.strides.footprint[0, :2], atol=0.3
-    )
+    np.testing.assert_allclose(position[-1, :2], footprint[-1, :2] - footprint[0, :2], atol=0.3)
 
 
-def test_the_same_seed_is_the_same_walk_to_the_last_bit():
-    once, again, other = (simulate(SHORT, seed).recording for seed in (5, 5, 6))
-    np.testing.assert_array_equal(once.acc, again.acc)
-    np.testing.assert_array_equal(once.mag, again.mag)
-    assert not np.array_equal(once.acc[:100], other.acc[:100])
+RATE_HZ = 41.0  # Quick for all scenarios, and fast enough that a lost sample leaves no gap.
+LARGE = {"office", "office-open", "mall", "mall-open"}  # Their buildings take seconds to draw; others have one too.
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_a_seed_is_one_walk_and_another_seed_another(name):
+    choices = Choices(rate_hz=RATE_HZ, field="homogeneous" if name in LARGE else None)
+    walk, again, other = (simulate(name, seed, choices) for seed in (5, 5, 6))
+    one, same, different = (w.recording for w in (walk, again, other))
+    for column in ("t", "acc", "gyr", "mag"):
+        np.testing.assert_array_equal(getattr(one, column), getattr(same, column))
+    np.testing.assert_array_equal(one.truth.position, same.truth.position)
+    n = min(len(one), len(different), 50)
+    assert (one.gyr[:n] != different.gyr[:n]).any(axis=1).all()
+    assert not np.allclose(one.truth.nav_R_body[0], different.truth.nav_R_body[0], atol=1e-4)
+    assert walk.drawn != other.drawn
+    if len(walk.strides):  # person and path
+        k = min(len(walk.strides), len(other.strides))
+        assert (walk.strides.duration[:k] != other.strides.duration[:k]).mean() > 0.9
+        assert np.abs(walk.strides.footprint[:k] - other.strides.footprint[:k]).max() > 0.02
+    place = np.array([[0.5, 1.0, 0.1], [2.0, 3.0, 0.1], [-1.0, 5.0, 0.1]]) + walk.origin
+    if walk.scenario.field == "indoor":
+        assert np.linalg.norm(walk.field.at(place) - other.field.at(place), axis=1).min() > 0.1
+    assert walk.scenario.summary
+    assert walk.scenario.prior.rate_hz == RATE_HZ
 
 
 def up_of_the_standing(walk: SimulatedWalk):
@@ -108,18 +132,13 @@ def up_of_the_standing(walk: SimulatedWalk):
     return walk.recording.truth.nav_R_body[0][2]
 
 
-def test_a_seed_keeps_its_sensor_and_mount_in_all_scenarios(real):
-    other = simulate(replace(SHORT, name="elsewhere"), 3)
-    assert other.drawn["sensor"] == real.drawn["sensor"]
+def test_a_seed_keeps_its_sensor_and_mount_in_all_scenarios_and_another_has_others(real):
+    other, stranger = simulate(replace(SHORT, name="elsewhere"), 3), simulate(SHORT, 4)
+    assert other.drawn["sensor"] == real.drawn["sensor"] != stranger.drawn["sensor"]
     assert other.drawn["switched_on"] != real.drawn["switched_on"]
     np.testing.assert_allclose(up_of_the_standing(other), up_of_the_standing(real), atol=1e-3)
-    assert not np.allclose(other.recording.truth.position[-1], real.recording.truth.position[-1], atol=1e-3)
-
-
-def test_another_seed_is_another_sensor_mounted_otherwise(real):
-    other = simulate(SHORT, 4)
-    assert other.drawn["sensor"] != real.drawn["sensor"]
-    assert np.linalg.norm(up_of_the_standing(other) - up_of_the_standing(real)) > 0.02
+    assert np.linalg.norm(up_of_the_standing(stranger) - up_of_the_standing(real)) > 0.02
+    assert np.abs(other.recording.truth.position[1500] - real.recording.truth.position[1500]).max() > 1e-3
 
 
 def test_a_pocket_keeps_its_tilt_and_draws_its_own_ringing():
@@ -153,13 +172,6 @@ def test_choices_are_taken():
     strength = np.linalg.norm(chosen.recording.mag[chosen.fresh], axis=1)
     assert np.median(strength) == pytest.approx(25.0, abs=0.2)  # no iron: the field itself
     assert chosen.drawn["sensor"]["iron"]["hard_uT"] == [0.0, 0.0, 0.0]
-
-
-def test_a_slow_magnetometer_leaves_rows_without_a_sample():
-    walk = simulate(SHORT, 1, Choices(sensor="mpu-9250x8"))
-    there = np.isfinite(walk.recording.mag).all(axis=1)
-    np.testing.assert_array_equal(there, walk.fresh)
-    assert there.mean() == pytest.approx(0.25, abs=0.01)
 
 
 def test_landmarks_are_passed_on_every_lap_at_the_same_place():
@@ -228,76 +240,47 @@ def test_lost_samples_are_lost_in_all_columns():
     assert len(some.fresh) == len(some.recording)
 
 
-@pytest.mark.parametrize("sensor", ["lord-gx5", "demo", "munoz-diaz-table-2", "xsens-mtw"])
+@pytest.mark.parametrize("sensor", ["lord-gx5", "xsens-mtw"])
 def test_more_rows_bring_no_more_samples_of_the_field(sensor):
     usual, fast = (simulate(SHORT, 1, Choices(sensor=sensor, rate_hz=rate_hz)) for rate_hz in (None, 1000.0))
     assert usual.fresh.mean() == 1.0
     assert fast.fresh.sum() == pytest.approx(usual.fresh.sum(), rel=0.01)
 
 
-def test_an_ideal_sensor_has_the_field_in_every_row():
-    assert simulate(SHORT, 1, replace(IDEAL, rate_hz=1000.0)).fresh.all()
+REFUSED = [
+    (Choices(sensor="nonsense"), "no sensor 'nonsense'"),
+    (Choices(field=""), "no field ''"),
+    (Choices(site="atlantis"), "no site"),
+    (Choices(site="north,by,northwest"), "is no place"),
+    (Choices(site="48,11"), "is no place"),
+    (Choices(site="48,11,"), "is no place"),
+    (Choices(site="48,11,20240501"), "is no place"),
+    (Choices(site="48,11,2024-W18-3"), "is no place"),
+    (Choices(site="48,11,2024-02-30"), "is no place"),
+    (Choices(site="48,11,2024-05-01,noon"), "is no place"),
+    (Choices(worn="hand"), "worn at 'hand': choose one of heel, instep, pocket"),
+    (Choices(rests="some"), "rests cannot be 'some': choose one of still, rocking, none"),
+    (Choices(feet="cold"), "feet cannot be 'cold'"),
+    (Choices(worn="table"), "on a table goes nowhere"),
+    (Choices(sensor="kvh-1750", calibrated=True), "kvh-1750 has no magnetometer to be calibrated"),
+    (Choices(rate_hz=0.2), "for at least 20"),
+    (Choices(rate_hz=1e9), "for at most"),
+    (Choices(rate_hz=-100.0), "rate_hz"),
+    (Choices(turned_deg=float("inf")), "cannot be turned"),
+]
 
 
-@pytest.mark.parametrize(
-    ("choices", "words"),
-    [
-        (Choices(sensor="nonsense"), "no sensor 'nonsense'"),
-        (Choices(field="nonsense"), "no field 'nonsense'"),
-        (Choices(site="atlantis"), "no site"),
-        (Choices(site="north,by,northwest"), "is no place"),
-        (Choices(site="48,11"), "is no place"),
-        (Choices(site="48,11,"), "is no place"),
-        (Choices(site="48,11,20240501"), "is no place"),
-        (Choices(site="48,11,2024-W18-3"), "is no place"),
-        (Choices(site="48,11,2024-02-30"), "is no place"),
-        (Choices(site="48,11,2024-05-01,noon"), "is no place"),
-        (Choices(worn="hand"), "worn at 'hand': choose one of heel, instep, pocket"),
-        (Choices(worn=""), "worn at ''"),
-        (Choices(sensor=""), "no sensor ''"),
-        (Choices(field=""), "no field ''"),
-        (Choices(site=""), "no site"),
-        (Choices(sensor="kvh-1750", calibrated=True), "kvh-1750 has no magnetometer to be calibrated"),
-        (Choices(rate_hz=1e-3), "for at least 20"),
-        (Choices(rate_hz=0.2), "for at least 20"),
-        (Choices(rate_hz=1e9), "for at most"),
-        (Choices(rate_hz=-100.0), "rate_hz"),
-        (Choices(rate_hz=float("nan")), "rate_hz"),
-        (Choices(turned_deg=float("inf")), "cannot be turned"),
-    ],
-)
-def test_what_cannot_be_is_refused_by_name(choices, words):
-    with pytest.raises(SimulationError, match=words) as refusal:
-        simulate(SHORT, 1, choices)
-    assert str(refusal.value).count(". ") == 0
-    assert str(refusal.value).endswith(".")
-
-
-def test_an_unknown_scenario_is_answered_with_the_known_ones():
+def test_what_cannot_be_is_refused_by_name():
+    for choices, words in REFUSED:
+        with pytest.raises(SimulationError, match=words) as refusal:
+            simulate(SHORT, 1, choices)
+        assert str(refusal.value).count(". ") == 0, words
     with pytest.raises(SimulationError, match=r"no scenario 'offfice'.*office, office-open"):
         simulate("offfice", 1)
-
-
-def test_a_negative_seed_is_none():
     with pytest.raises(SimulationError, match="-1 is no seed"):
         simulate(SHORT, -1)
-
-
-def test_negative_noise_is_refused():
-    prior = preset("lord-gx5")
-    with pytest.raises(SimulationError, match="noise_density"):
-        replace(prior, gyr=replace(prior.gyr, noise_density=-1.0))
-
-
-@pytest.mark.parametrize("name", sorted(SCENARIOS))
-def test_every_scenario_says_what_it_is_and_has_a_course(name):
-    one: Scenario = SCENARIOS[name]
-    assert one.name == name
-    assert one.summary
-    sections = one.route(np.random.default_rng(0))
-    assert isinstance(sections[0], Stand)
-    assert isinstance(sections[-1], Stand)
-    assert one.prior.rate_hz >= 100.0
+    with pytest.raises(SimulationError, match="no strides"):
+        simulate("at-rest", 1, Choices(worn="heel"))
 
 
 def test_a_closed_course_ends_where_and_as_it_began():
@@ -305,5 +288,55 @@ def test_a_closed_course_ends_where_and_as_it_began():
     truth = walk.recording.truth
     np.testing.assert_allclose(walk.strides.footprint[-1], walk.strides.footprint[0], atol=1e-9)
     assert np.linalg.norm(truth.position[-1] - truth.position[0]) < 0.02  # slip of the last stances and sway
-    turned = wrap_angle(walk.strides.heading[-1] - walk.strides.heading[0])
-    assert abs(float(turned)) < 1e-6
+    assert abs(float(wrap_angle(walk.strides.heading[-1] - walk.strides.heading[0]))) < 1e-6
+    assert 60 < walk.recording.duration_s < 75
+    assert 70 < np.linalg.norm(np.diff(truth.position[:, :2], axis=0), axis=1).sum() < 85
+    heading_deg = np.rad2deg(np.unwrap(compute_heading(truth.nav_R_body)))
+    assert heading_deg[-1] - heading_deg[0] == pytest.approx(360.0, abs=0.5)
+
+
+def test_a_sensor_on_a_table_reads_gravity_and_the_field_in_one_attitude():
+    minute = replace(SCENARIOS["at-rest"], route=lambda rng: [Stand(40.0), Stand(20.0)])
+    walk, other = (simulate(minute, seed, IDEAL) for seed in (1, 2))
+    recording, truth = walk.recording, walk.recording.truth
+    assert recording.duration_s == pytest.approx(60.0, abs=0.01)
+    np.testing.assert_array_equal(recording.gyr, 0.0)
+    np.testing.assert_array_equal(truth.position, 0.0)
+    up = np.tile([0, 0, GRAVITY_M_S2], (len(truth.t), 1))
+    np.testing.assert_allclose(truth.nav_R_body @ recording.acc[0], up, atol=1e-12)
+    assert 0.0 < np.degrees(np.arccos(truth.nav_R_body[0, 2, 2])) < 3.0
+    assert len(walk.strides) == 0
+    assert walk.flat is None
+    assert np.abs(recording.acc[0] - other.recording.acc[0]).max() > 1e-3
+
+
+COURSE = "[course]\npoints_m = [[0, 0], [0, 25], [40, 25]]\n"
+FILES = {
+    COURSE + "laps = " + "9" * 5000: "number too long or a list too deep",
+    "a = " + "[" * 1000 + "]" * 1000 + "\n" + COURSE: "number too long or a list too deep",
+    COURSE + "[sensor]\nrate_hz = " + "[" * 1000 + "]" * 1000: "number too long or a list too deep",
+    COURSE + f"[sensor{'.a' * 3000}]\nb = 1": "number too long or a list too deep",
+    COURSE + "laps = " + "9" * 4000: "course.laps cannot be 999.*: give less than or equal to 1000000",
+    COURSE + "strides = 0": "course.strides cannot be 0",
+    COURSE + "rest_s = 1e99": "course.rest_s cannot be 1e.99: give less than or equal to 86400",
+    COURSE + "laps = 2": "course.laps needs a closed path",
+    'rests = "some"\n' + COURSE: "rests cannot be 'some'",
+    "cuorse = 1\n" + COURSE: "the file has no parameter 'cuorse': it knows course, like",
+    COURSE + "[sensor.gyr]\nnoise_density = -1": "sensor.gyr.noise_density cannot be -1",
+    COURSE + "[sensor.gyr]\nnoise = 1": "sensor.gyr has no parameter 'noise': it knows noise_density",
+    "[course]\nlaps = 2": "course.points_m is missing",
+    "like = 1": "no table .course.",
+    "= 1": "is no TOML",
+}
+
+
+def test_a_scenario_of_a_file_and_what_no_file_may_say():
+    text = 'rests = "none"\nlike = "office"\n' + COURSE + "rest_s = 9.0\n[sensor]\nrate_hz = 100\n"
+    scenario = parse_scenario("mine.toml", text)
+    assert (scenario.name, scenario.worn, scenario.prior.rate_hz, scenario.prior.units) == ("mine", "heel", 100.0, 8)
+    assert simulate(scenario, 1).recording.duration_s < 60.0
+    assert scenario.prior.gyr == preset("mpu-9250x8").gyr
+    for wrong, words in FILES.items():
+        with pytest.raises(SimulationError, match=words) as caught:
+            parse_scenario("mine.toml", wrong)
+        assert len(str(caught.value)) < 300

@@ -1,10 +1,33 @@
-"""Steel about a path (pillars, lockers, door frames, beams, boxes), stray currents, and named environments.
+"""Buildings about the path of a walk: floors, stairs, steel objects and stray currents; and named environments.
 
-An object is a long body of steel of a volume V and a length, standing or lying. It is magnetized twice,
+All is drawn about the path (`FloorPath`). The sensor may be anywhere over that path from the foot to the
+pocket, so the room to leave is the distance from that upright strip.
+
+Level floor. With z the height over a sheet of steel, horizontal wave vectors k, amplitudes b (uT at the sheet) and
+phases c,
+
+    phi = sgn(z) sum (b / |k|) cos(k . x + c) exp(-|k z|),    B = -grad phi:
+
+    B_horizontal = sgn(z) sum b (k / |k|) sin(k . x + c) exp(-|k z|),    B_up = sum b cos(k . x + c) exp(-|k z|).
+
+Each term solves Laplace's equation on either side, so the map has neither divergence nor curl; B_up goes through the
+sheet without a step and the step of B_horizontal is the magnetized steel in it. Short waves die out first: the map is
+rough at the foot and mild at the pocket. The sheet lies `SHEET_M` under the floor, where no sensor is.
+
+What makes a reinforced floor so rough is not its mesh of 15 cm, whose field is gone at 10 cm, but that each bar has
+its own magnetization; wavelengths and strength are those of real walks (`scripts/realism.py`, docs/simulation.md).
+
+Stairs. The floor climbs with the walker, so the same steel is cut into pieces: dipoles of equal size in random
+directions, spread in a strip about and below the path, so that each tread has its own steel under it.
+Outside of the pieces the field has neither divergence nor curl. A layer at a distance H varies over about H, as waves
+of 2 pi H / 1.5 do. The moments are scaled so that the rms along the path is exactly `TREADS_UT`; a piece then has 5
+to 10 A m^2, some meters of reinforcing bar.
+
+Objects. An object is a long body of steel of a volume V and a length, standing or lying. It is magnetized twice,
 
     m = m_induced(B_earth) + q m_induced(|B_earth| u),
 
-both times as a soft-iron spheroid of that volume and length would be (`sources`): by the field of today, and by what
+both times as a soft-iron spheroid of that volume and length would be (`field`): by the field of today, and by what
 remains from the mill and the building site, u a direction of its own and q Koenigsberger's ratio (fitted, not
 measured). It is spread over its length as a row of dipoles. Objects stand about the path by a Poisson process, so many
 a meter of it; one that would come nearer than `room_m` to where a sensor may be gets another place.
@@ -31,25 +54,207 @@ Where the path climbs, pieces of steel under the treads replace the floor's pote
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import TypeAlias
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
+from scipy.spatial import KDTree
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import SimulationError
-from fg_nav.lab.simulation.fields.field import Field, Homogeneous, Sum
-from fg_nav.lab.simulation.fields.floor import (
-    SPACING_M,
-    SPOTS_M,
-    Floor,
-    FloorParameters,
-    FloorPath,
-    draw_floor,
-    draw_treads,
-    resample_path,
+from fg_nav.lab.simulation.checks import Checked, NotNegative, Positive
+from fg_nav.lab.simulation.fields.field import (
+    UP,
+    Circuit,
+    Dipoles,
+    Homogeneous,
+    Sum,
+    compute_spheroid_moment,
+    rod,
 )
-from fg_nav.lab.simulation.fields.sources import UP, Circuit, Dipoles, compute_spheroid_moment, make_upright_loop, rod
+from fg_nav.lab.simulation.fields.field import Field as Environment
+from fg_nav.system.compiled import njit
+
+SPACING_M = 0.2  # Points of a path lie no further apart than this.
+SPOTS_M = 1.0  # Things are counted by the meter of path.
+SENSOR_HEIGHTS_M = (0.1, 0.4, 0.7, 1.0)  # From a foot's sensor to above a pocket's.
+REFERENCE_M, SHEET_M = 0.1, 0.05  # A sensor on a standing foot over the floor; steel under it: 2 to 5 cm of concrete.
+LEVEL_M = 0.1  # A path that rises less than this in all lies on one floor.
+
+
+@dataclass(frozen=True)
+class FloorPath:
+    """Points on the floor along which a person walks.
+
+    Attributes
+    ----------
+    points : (M, 3) m in nav, closely spaced.
+    """
+
+    points: Floats
+
+    @property
+    def is_level(self) -> bool:
+        """Whether all of it lies on one floor."""
+        return bool(np.ptp(self.points[:, 2]) < LEVEL_M)
+
+    @property
+    def floor_m(self) -> float:
+        """Height of the floor in nav where the path is level."""
+        return float(np.median(self.points[:, 2]))
+
+    @property
+    def spots(self) -> Floats:
+        """Points (K, 3) m of the path, about `SPOTS_M` apart: what is walked again counts once."""
+        spots: Floats = self.points[self._spot]
+        return spots
+
+    @property
+    def spot_directions(self) -> Floats:
+        """Direction (K, 3) of the path at its spots, with its slope; zero where it has none."""
+        last = len(self.points) - 1
+        chord = self.points[np.minimum(self._spot + 1, last)] - self.points[np.maximum(self._spot - 1, 0)]
+        length = np.linalg.norm(chord, axis=1, keepdims=True)
+        direction: Floats = np.divide(chord, length, out=np.zeros_like(chord), where=length > 0)
+        return direction
+
+    def room(self, position: Floats) -> Floats:
+        """Distance (K,) m of `position` (K, 3) m from where the sensor may be."""
+        distance, _ = self._tree.query(position)
+        return np.asarray(distance, dtype=np.float64)
+
+    @cached_property
+    def _spot(self) -> Ints:
+        tree = KDTree(self.points)
+        free = np.ones(len(self.points), dtype=np.bool_)
+        kept = []
+        for i, point in enumerate(self.points):
+            if free[i]:
+                kept.append(i)
+                free[tree.query_ball_point(point, SPOTS_M - SPACING_M / 2)] = False
+        return np.array(kept)
+
+    @cached_property
+    def _tree(self) -> KDTree:
+        lifts = np.array([[0.0, 0.0, height] for height in SENSOR_HEIGHTS_M])
+        return KDTree((self.points[:, None] + lifts).reshape(-1, 3))
+
+
+def resample_path(points: Floats) -> FloorPath:
+    """The path through corners `points` (M, 3) m, on the floor, joined by straight lines.
+
+    Raises `SimulationError` without a point, or with one that is not finite.
+    """
+    corners = np.asarray(points, dtype=np.float64)
+    if corners.ndim != 2 or corners.shape[1] != 3 or not len(corners) or not np.isfinite(corners).all():
+        raise SimulationError(f"points of shape {corners.shape} are no path: give finite points (M, 3) in meters.")
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
+    asked = np.linspace(0.0, along[-1], int(along[-1] / SPACING_M) + 2)
+    return FloorPath(np.stack([np.interp(asked, along, corners[:, i]) for i in range(3)], axis=1))
+
+
+@dataclass(frozen=True)
+class FloorParameters(Checked):
+    """How rough a floor is; the defaults are those of `indoor-old`.
+
+    Attributes
+    ----------
+    strength_uT : rms per axis at `REFERENCE_M` above the floor. With what lies in and stands on it, the walks of
+        level `indoor` feel about 8 (real ones 6 to 13).
+    shortest_m, longest_m : range of the wavelengths, evenly filled in their logarithm, each with the same power at
+        the reference height. The real walks ask for short ones (the field changes within a swing) and for long ones
+        (neighbouring footfalls have a fifth to a quarter of their deviation in common).
+    modes : number of waves; no two have a length in common, so no building is large enough for them to repeat.
+    """
+
+    strength_uT: NotNegative = 5.5
+    shortest_m: Positive = 0.6
+    longest_m: Positive = 12.0
+    modes: Annotated[int, Field(ge=1)] = 240
+
+
+@dataclass(frozen=True)
+class Floor:
+    """One draw of a floor's clutter; the Earth's field is not in it."""
+
+    wave: Floats  # (M, 2) rad/m, horizontal wave vectors.
+    amplitude: Floats  # (M,) uT at the sheet.
+    phase: Floats  # (M,) rad.
+    sheet_m: float  # Height of the sheet in nav.
+
+    def at(self, position: Floats) -> Floats:
+        """Flux density (N, 3) uT at `position` (N, 3) m."""
+        above = np.array(position, dtype=np.float64, order="C")
+        above[:, 2] -= self.sheet_m
+        return _waves_at(above, self.wave, self.amplitude, self.phase)
+
+
+def draw_floor(
+    rng: np.random.Generator, parameters: FloorParameters = FloorParameters(), height_m: float = 0.0
+) -> Floor:
+    """Draw the clutter of a floor whose surface is at `height_m` in nav."""
+    p = parameters
+    even = (rng.permutation(p.modes) + rng.uniform(size=p.modes)) / p.modes
+    number = 2 * np.pi / (p.shortest_m * (p.longest_m / p.shortest_m) ** even)
+    heading = rng.uniform(0, 2 * np.pi, p.modes)
+    return Floor(
+        wave=number[:, None] * np.stack([np.sin(heading), np.cos(heading)], axis=1),
+        amplitude=p.strength_uT * np.sqrt(3 / p.modes) * np.exp(number * (REFERENCE_M + SHEET_M)),
+        phase=rng.uniform(0, 2 * np.pi, p.modes),
+        sheet_m=height_m - SHEET_M,
+    )
+
+
+@njit(cache=True)
+def _waves_at(above: Floats, wave: Floats, amplitude: Floats, phase: Floats) -> Floats:
+    """Field (N, 3) uT at points (N, 3) m whose third coordinate counts from the sheet."""
+    number = np.sqrt(wave[:, 0] ** 2 + wave[:, 1] ** 2)
+    east, north = wave[:, 0] / number, wave[:, 1] / number
+    field = np.empty((len(above), 3))
+    for i in range(len(above)):
+        x, y, z = above[i]
+        side, far = (1.0, z) if z > 0 else (-1.0, -z)
+        e = n = u = 0.0
+        for m in range(len(number)):
+            angle = wave[m, 0] * x + wave[m, 1] * y + phase[m]
+            size = amplitude[m] * np.exp(-number[m] * far)
+            across = size * np.sin(angle)
+            e += east[m] * across
+            n += north[m] * across
+            u += size * np.cos(angle)
+        field[i, 0], field[i, 1], field[i, 2] = side * e, side * n, u
+    return field
+
+
+TREADS_UT, TREADS_HEIGHT_M = 5.5, 0.1
+"""Stairs: rms per axis, that of a floor, at the height over the path of a sensor on a standing foot."""
+
+TREADS_DEPTH_M, TREADS_HALF_WIDTH_M = (0.35, 0.9), 1.6  # Of the pieces under the path, and of their strip.
+TREADS_PER_M = 12.0  # Pieces a meter of path: so many that several act at once.
+TREADS_ROOM_M = 0.35  # From a piece to where a sensor may be, at least (winding stairs hang over the path below).
+
+
+def draw_treads(path: FloorPath, rng: np.random.Generator) -> Dipoles:
+    """Bury the pieces under the path."""
+    count = max(1, round(TREADS_PER_M * SPOTS_M))
+    position = _bury_under(np.repeat(path.spots, count, axis=0), np.repeat(path.spot_directions, count, axis=0), rng)
+    position = position[path.room(position) >= TREADS_ROOM_M]
+    moment = rng.standard_normal(position.shape)
+    unit = Dipoles(position, moment / np.linalg.norm(moment, axis=1, keepdims=True))
+    felt = unit.at(path.points + np.array([0.0, 0.0, TREADS_HEIGHT_M]))
+    size = TREADS_UT / np.sqrt(np.mean(felt**2))
+    return Dipoles(unit.position, size * unit.moment)
+
+
+def _bury_under(spot: Floats, direction: Floats, rng: np.random.Generator) -> Floats:
+    """Places (K, 3) m under the path: along it as it climbs, and level to its sides."""
+    along = SPOTS_M * rng.uniform(-0.5, 0.5, (len(spot), 1))
+    aside = TREADS_HALF_WIDTH_M * rng.uniform(-1, 1, (len(spot), 1))
+    depth = rng.uniform(*TREADS_DEPTH_M, (len(spot), 1))
+    return spot + along * direction + aside * np.cross(direction, UP) - depth * UP
+
 
 TRIES = 30  # So often another place is tried; a path that leaves no room has fewer objects.
 
@@ -62,51 +267,23 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Kind:
-    """Objects of a kind.
-
-    Attributes
-    ----------
-    per_100_m : how many along 100 m of path, in the mean.
-    aside_m : horizontal distance from some point of the path.
-    bottom_m : height of its lower end over the floor there.
-    length_m : of the object.
-    steel_litre : volume of its steel (7.9 kg a litre), evenly filled in the logarithm.
-    memory : q.
-    lies : in any horizontal direction; else it stands.
-    room_m : to where a sensor may be, at least.
-    """
+    """Objects of a kind."""
 
     name: str
-    per_100_m: float
-    aside_m: Range
-    bottom_m: Range
-    length_m: Range
-    steel_litre: Range
-    memory: float
-    lies: bool = False
-    room_m: float = 0.5
+    per_100_m: float  # How many along 100 m of path, in the mean.
+    aside_m: Range  # Horizontal distance from some point of the path.
+    bottom_m: Range  # Height of its lower end over the floor there.
+    length_m: Range  # Of the object.
+    steel_litre: Range  # Volume of its steel (7.9 kg a litre), evenly filled in the logarithm.
+    memory: float  # q.
+    lies: bool = False  # In any horizontal direction; else it stands.
+    room_m: float = 0.5  # To where a sensor may be, at least.
 
 
-@dataclass(frozen=True)
-class Cables:
-    """Circuits of stray current.
-
-    Attributes
-    ----------
-    per_100_m : how many along 100 m of path, in the mean.
-    length_m : of the stretch.
-    aside_m : distance from some point of the path.
-    storey_m : the current comes back this much higher.
-    current_A : standard deviation of a normal distribution.
-    room_m : to where a sensor may be, at least.
-    """
-
-    per_100_m: float = 3.0
-    length_m: Range = (4.0, 15.0)
-    aside_m: Range = (0.5, 2.0)
-    storey_m: float = 2.8
-    current_A: float = 3.0
-    room_m: float = 0.5
+CABLES_PER_100_M = 3.0  # Circuits of stray current, in the mean.
+CABLE_LENGTH_M, CABLE_ASIDE_M = (4.0, 15.0), (0.5, 2.0)  # Of the stretch, and its distance from some point of the path.
+STOREY_M, CURRENT_A = 2.8, 3.0  # The current comes back this much higher; its standard deviation.
+CABLE_ROOM_M = 0.5  # To where a sensor may be, at least.
 
 
 def place_objects(kinds: Sequence[Kind], path: FloorPath, nav_field: Floats, rng: np.random.Generator) -> Dipoles:
@@ -119,10 +296,10 @@ def place_objects(kinds: Sequence[Kind], path: FloorPath, nav_field: Floats, rng
     return Dipoles(position, np.vstack([np.zeros((0, 3)), *(dipoles.moment for dipoles in placed)]))
 
 
-def place_cables(cables: Cables, path: FloorPath, rng: np.random.Generator) -> list[Circuit]:
-    """Lay circuits along the path."""
-    count = rng.poisson(cables.per_100_m * SPOTS_M * len(path.spots) / 100)
-    tried = (_lay_one(cables, path, rng) for _ in range(count))
+def place_cables(path: FloorPath, rng: np.random.Generator, per_100_m: float = CABLES_PER_100_M) -> list[Circuit]:
+    """Lay circuits of stray current along the path."""
+    count = rng.poisson(per_100_m * SPOTS_M * len(path.spots) / 100)
+    tried = (_lay_one(path, rng) for _ in range(count))
     return [circuit for circuit in tried if circuit is not None]
 
 
@@ -147,15 +324,14 @@ def _moment(kind: Kind, length_m: float, axis: Floats, nav_field: Floats, rng: n
     return compute_spheroid_moment(nav_field + remembered, axis, length_m / 2, radius_m)
 
 
-def _lay_one(cables: Cables, path: FloorPath, rng: np.random.Generator) -> Circuit | None:
-    length = rng.uniform(*cables.length_m)
-    current = cables.current_A * rng.standard_normal()
+def _lay_one(path: FloorPath, rng: np.random.Generator) -> Circuit | None:
+    length, current = rng.uniform(*CABLE_LENGTH_M), CURRENT_A * rng.standard_normal()
     for _ in range(TRIES):
         k = int(rng.integers(len(path.spots)))
-        start = _place_aside(path.spots[[k]], cables.aside_m, rng)
+        start = _place_aside(path.spots[[k]], CABLE_ASIDE_M, rng)
         end = start + length * path.spot_directions[k] * [1.0, 1.0, 0.0]
-        circuit = make_upright_loop(start, end, cables.storey_m, current)
-        if path.room(circuit.pieces(SPACING_M)).min() >= cables.room_m:
+        circuit = Circuit(np.stack([start, end, end + STOREY_M * UP, start + STOREY_M * UP]), current)
+        if path.room(circuit.pieces(SPACING_M)).min() >= CABLE_ROOM_M:
             return circuit
     return None
 
@@ -192,26 +368,13 @@ REGION = FloorParameters(strength_uT=2.0, shortest_m=30.0, longest_m=90.0, modes
 
 @dataclass(frozen=True)
 class Clutter:
-    """What stands and lies in a building; the defaults are the level `indoor`.
+    """What stands and lies in a building; the defaults are the level `indoor`."""
 
-    Attributes
-    ----------
-    floor : roughness of level floors.
-    kinds : objects.
-    cables : stray currents, or None.
-    region : field that is alike for tens of meters, or None.
-    strength_spread : s, of the logarithm of a building's strength.
-    """
+    floor: FloorParameters = FLOOR  # Roughness of level floors.
+    kinds: tuple[Kind, ...] = INDOOR_KINDS  # Objects.
+    region: FloorParameters | None = REGION  # Field that is alike for tens of meters, or None.
+    strength_spread: float = 0.25  # s, of the logarithm of a building's strength.
 
-    floor: FloorParameters = FLOOR
-    kinds: tuple[Kind, ...] = INDOOR_KINDS
-    cables: Cables | None = field(default_factory=Cables)
-    region: FloorParameters | None = REGION
-    strength_spread: float = 0.25
-
-
-Part: TypeAlias = Floor | Dipoles | Circuit
-"""Of what a building adds."""
 
 CLUTTERS: Mapping[str, Clutter] = {
     "indoor": Clutter(),
@@ -222,21 +385,11 @@ CLUTTERS: Mapping[str, Clutter] = {
 LEVELS = ("homogeneous", "smooth", *CLUTTERS)
 
 
-def draw_environment(
-    level: str, earth: Homogeneous, points: Floats, rng: np.random.Generator, clutter: Clutter | None = None
-) -> Field:
-    """Draw an environment about the path of a walk.
+def draw_environment(level: str, earth: Homogeneous, points: Floats, rng: np.random.Generator) -> Environment:
+    """Draw an environment, one of `LEVELS`, about the path of a walk.
 
-    Parameters
-    ----------
-    level : one of `LEVELS`.
-    earth : field without the building.
-    points : (M, 3) m in nav, points on the floor along which the feet go, joined by straight lines. Objects stand
-        next to it, half a meter or more from wherever the sensor may be.
-    rng : source of all that is random.
-    clutter : of a building; None for that of its level.
-
-    Raises `SimulationError` for any other level, or points that are no path.
+    The path goes by straight lines through `points` (M, 3) m on the floor. Objects stand next to it, half a meter or
+    more from wherever the sensor may be. Raises `SimulationError` for any other level, or points that are no path.
     """
     if level not in LEVELS:
         raise SimulationError(f"there is no field level {level!r}: choose one of {', '.join(LEVELS)}.")
@@ -245,25 +398,17 @@ def draw_environment(
     path = resample_path(points)
     if level == "smooth":
         return Sum((earth, place_objects(SMOOTH_KINDS, path, earth.vector, rng)))
-    return Sum((earth, *_draw_building(clutter or CLUTTERS[level], path, earth.vector, rng)))
-
-
-def _draw_building(clutter: Clutter, path: FloorPath, nav_field: Floats, rng: np.random.Generator) -> list[Part]:
-    """Draw what a building adds to the Earth's field."""
-    ground: Part = draw_floor(rng, clutter.floor, path.floor_m) if path.is_level else draw_treads(path, rng)
-    objects = place_objects(clutter.kinds, path, nav_field, rng)
-    circuits = place_cables(clutter.cables, path, rng) if clutter.cables else []
-    parts: list[Part] = [ground, objects, *circuits]
+    clutter = CLUTTERS[level]
+    ground = draw_floor(rng, clutter.floor, path.floor_m) if path.is_level else draw_treads(path, rng)
+    parts = [ground, place_objects(clutter.kinds, path, earth.vector, rng), *place_cables(path, rng)]
     # last, so that a seed has the same objects in every building
     if clutter.region is not None:
         parts.append(draw_floor(rng, clutter.region, float(path.points[:, 2].min())))
-    if not clutter.strength_spread:
-        return parts
-    factor = float(np.exp(clutter.strength_spread * rng.standard_normal()))
-    return [_scale(part, factor) for part in parts]
+    strength = float(np.exp(clutter.strength_spread * rng.standard_normal()))
+    return Sum((earth, *(_scale(part, strength) for part in parts)))
 
 
-def _scale(part: Part, factor: float) -> Part:
+def _scale(part: Floor | Dipoles | Circuit, factor: float) -> Floor | Dipoles | Circuit:
     if isinstance(part, Floor):
         return replace(part, amplitude=factor * part.amplitude)
     if isinstance(part, Dipoles):

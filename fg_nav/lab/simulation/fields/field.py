@@ -1,9 +1,6 @@
-"""A magnetic field as a function of place, its derivatives, and the Earth's.
+"""Magnetic fields as functions of place: the Earth's, dipoles, circuits of direct current, and iron cylinders.
 
-Fields of separate sources add (`Sum`). Away from its sources a static field has neither divergence nor curl (Maxwell),
-so its gradient is symmetric and has no trace. With D(h) the central difference over +-h,
-
-    dB_i / dx_j = (4 D(h/2) - D(h)) / 3 + O(h^4)        (Richardson).
+Away from its sources a static field has neither divergence nor curl (Maxwell). Fields of separate sources add (`Sum`).
 
 The Earth's field is homogeneous over the reach of a walk. With strength F, dip I (positive where the field points into
 the ground) and declination D (positive where a compass points east of north), in East-North-Up
@@ -13,10 +10,29 @@ the ground) and declination D (positive where a compass points east of north), i
 The three sites are those of MD Table 1, rounded as there and without declination. Any place and date is known from the
 World Magnetic Model (`fg_nav.earth`).
 
-An upright iron cylinder without end in a homogeneous field, and a street of them (Munoz Diaz et al. 2017).
+A dipole of moment m (A m^2), seen from it at r (m), is
 
-Outside a cylinder of radius r_c and permeability mu_r, at r from its axis with u = r / |r| (horizontal), a far field
-of horizontal part H is, and its upward part is as without iron,
+    B = mu_0 / (4 pi) (3 (m . u) u - m) / |r|^3,    u = r / |r|,    mu_0 / (4 pi) = 0.1 uT m / A.
+
+Soft iron in a homogeneous field B_0 takes on the moment of its shape. A spheroid of volume V with demagnetizing
+factor N_i along axis i and susceptibility chi = mu_r - 1 has
+
+    m_i = V / mu_0  chi / (1 + N_i chi)  B_0i,
+
+where the N_i add up to 1: a third each for a sphere, and less along what is long (Osborn 1945). A long object is a
+row of such dipoles, as a thin magnetized rod is: what is felt near its ends are its poles.
+
+A straight conductor from a to b with a current I (A) adds, at a point seen from its ends at r_a and r_b (m),
+
+    B = mu_0 I / (4 pi)  (1/|r_a| + 1/|r_b|) (r_a x r_b) / (|r_a| |r_b| + r_a . r_b)        (Biot and Savart).
+
+A single piece has a curl everywhere, for its current ends in nothing; around a *closed* circuit the curls cancel.
+A supply cable holds both its conductors and is hardly felt: a pair 1 cm apart at 10 A makes 0.1 uT half a meter from
+it. What is felt is the current that returns by another path, through the steel of the building, some amperes round a
+loop as high as a storey. The mains' 50 Hz is not modelled.
+
+Outside an upright iron cylinder without end, of radius r_c and permeability mu_r (Munoz Diaz et al. 2017), at
+r from its axis with u = r / |r| (horizontal), a far field of horizontal part H is, its upward part as without iron,
 
     B = H + k (r_c / |r|)^n (2 (H . u) u - H),    k = (mu_r - 1) / (mu_r + 1).
 
@@ -40,7 +56,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
@@ -48,7 +63,13 @@ import numpy as np
 from fg_nav.arrays import Floats, Ints
 from fg_nav.earth import PLACE_FORM, Place, compute_field
 from fg_nav.errors import EarthError, SimulationError
-from fg_nav.lab.simulation.fields.sources import IRON_MU_R
+from fg_nav.system.compiled import njit
+
+SCALE_UT = 0.1  # mu_0 / (4 pi) in uT m / A.
+CLOSEST_M = 0.01  # Nearer to a point dipole than this nothing can be.
+IRON_MU_R = 200.0  # Relative permeability of structural steel in weak fields; that of Munoz Diaz et al. (2017).
+
+UP: Floats = np.array([0.0, 0.0, 1.0])
 
 
 class Field(Protocol):
@@ -71,33 +92,6 @@ class Sum:
         return total
 
 
-STEP_M = 0.02  # Short against what bends a field half a meter from steel, and far above rounding.
-
-
-def gradient(field: Field, position: Floats, step_m: float = STEP_M) -> Floats:
-    """Gradient (N, 3, 3) uT/m at `position` (N, 3) m: row is the component of the field, column the direction."""
-    coarse, fine = _central(field, position, step_m), _central(field, position, step_m / 2)
-    return (4 * fine - coarse) / 3
-
-
-def divergence(gradient: Floats) -> Floats:
-    """Divergence (N,) uT/m of gradients (N, 3, 3)."""
-    trace: Floats = np.trace(gradient, axis1=1, axis2=2)
-    return trace
-
-
-def curl(gradient: Floats) -> Floats:
-    """Curl (N, 3) uT/m of gradients (N, 3, 3)."""
-    turned = np.swapaxes(gradient, 1, 2) - gradient
-    return np.stack([turned[:, 1, 2], turned[:, 2, 0], turned[:, 0, 1]], axis=1)
-
-
-def _central(field: Field, position: Floats, step_m: float) -> Floats:
-    shifts = step_m * np.eye(3)
-    columns = [(field.at(position + shift) - field.at(position - shift)) / (2 * step_m) for shift in shifts]
-    return np.stack(columns, axis=2)
-
-
 @dataclass(frozen=True)
 class Homogeneous:
     """The same field everywhere.
@@ -111,7 +105,7 @@ class Homogeneous:
 
     def __post_init__(self) -> None:
         if len(self.nav_field_uT) != 3 or not np.isfinite(self.nav_field_uT).all():
-            raise SimulationError(f"the field {self.nav_field_uT} is no vector: give three finite numbers in uT.")
+            raise SimulationError(f"the nav_field_uT {self.nav_field_uT} is no vector: give three finite numbers.")
 
     @property
     def vector(self) -> Floats:
@@ -124,13 +118,7 @@ class Homogeneous:
 
 
 def make_earth_field(strength_uT: float, dip_deg: float, declination_deg: float = 0.0) -> Homogeneous:
-    """Field of a given strength and direction.
-
-    Parameters
-    ----------
-    strength_uT : not negative.
-    dip_deg : below the horizon, -90 to 90; positive on the northern hemisphere.
-    declination_deg : clockwise from north.
+    """Field of a strength (uT), a dip below the horizon and a declination clockwise from north.
 
     Raises `SimulationError` where there is no such field.
     """
@@ -146,24 +134,12 @@ def make_earth_field(strength_uT: float, dip_deg: float, declination_deg: float 
     return Homogeneous((east, north, up))
 
 
-SITES: Mapping[str, Homogeneous] = MappingProxyType(
-    {
-        "north-pole": make_earth_field(65.0, 90.0),
-        "equator": make_earth_field(25.0, 0.0),
-        "munich": make_earth_field(48.0, 64.0),
-    }
-)
+SITES: Mapping[str, Homogeneous] = {
+    "north-pole": make_earth_field(65.0, 90.0),
+    "equator": make_earth_field(25.0, 0.0),
+    "munich": make_earth_field(48.0, 64.0),
+}
 """Munoz Diaz et al. (2017), Table 1."""
-
-
-def site(name: str) -> Homogeneous:
-    """Field of a site by name: `north-pole`, `equator` or `munich`.
-
-    Raises `SimulationError` for any other name.
-    """
-    if name not in SITES:
-        raise SimulationError(f"there is no site {name!r}: choose one of {', '.join(SITES)}, or give {PLACE_FORM}.")
-    return SITES[name]
 
 
 def find_earth_field(where: str) -> Homogeneous:
@@ -171,55 +147,197 @@ def find_earth_field(where: str) -> Homogeneous:
 
     Raises `SimulationError` for what is neither, a place or date without a field, or without the extra `wmm`.
     """
+    if where in SITES:
+        return SITES[where]
     if "," not in where:
-        return site(where)
+        raise SimulationError(f"there is no site {where!r}: choose one of {', '.join(SITES)}, or give {PLACE_FORM}.")
     try:
         return Homogeneous(compute_field(Place.parse(where)).nav_field_uT)
     except EarthError as error:
         raise SimulationError(f"{str(error).removesuffix('.')}, or choose one of {', '.join(SITES)}.") from None
 
 
+@dataclass(frozen=True)
+class Dipoles:
+    """K dipoles."""
+
+    position: Floats  # (K, 3) m in nav.
+    moment: Floats  # (K, 3) A m^2 in nav.
+
+    def __post_init__(self) -> None:
+        for name in ("position", "moment"):
+            value = np.ascontiguousarray(getattr(self, name), dtype=np.float64)
+            if value.ndim != 2 or value.shape[1] != 3 or not np.isfinite(value).all():
+                raise SimulationError(f"{name} of shape {value.shape} is not finite rows of three: give one a dipole.")
+            object.__setattr__(self, name, value)
+        if len(self.position) != len(self.moment):
+            raise SimulationError(
+                f"{len(self.position)} positions but {len(self.moment)} moments: give each dipole one of both."
+            )
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    def at(self, position: Floats) -> Floats:
+        """Flux density (N, 3) uT at `position` (N, 3) m.
+
+        Raises `SimulationError` within a centimeter of a dipole.
+        """
+        sensed = np.ascontiguousarray(position, dtype=np.float64)
+        total, hit = _dipoles_at(sensed, np.ascontiguousarray(self.position.T), np.ascontiguousarray(self.moment.T))
+        if hit >= 0:
+            raise SimulationError(
+                f"the sensor comes within {100 * CLOSEST_M:.0f} cm of a dipole at {np.round(sensed[hit], 2)} m: "
+                "move the dipole or the path."
+            )
+        return total
+
+
+def magnet(position: Floats, moment: Floats) -> Dipoles:
+    """One permanent magnet: `position` (3,) m, `moment` (3,) A m^2.
+
+    A neodymium block holds about 1 A m^2 per cubic centimetre; a loudspeaker in a floor box 1 to 5 A m^2.
+    """
+    return Dipoles(np.asarray(position, dtype=np.float64)[None], np.asarray(moment, dtype=np.float64)[None])
+
+
+def compute_spheroid_moment(
+    nav_field: Floats, axis: Floats, half_length_m: float, radius_m: float, mu_r: float = IRON_MU_R
+) -> Floats:
+    """Moment (3,) A m^2 of a soft-iron spheroid in a homogeneous field (3,) uT, its `axis` (3,) of length 1.
+
+    `half_length_m` is the semi-axis along `axis`, larger than the radius for a pillar, smaller for a plate. Raises
+    `SimulationError` where there is no such body.
+    """
+    if not (radius_m > 0 and half_length_m > 0 and mu_r >= 1):
+        raise SimulationError(
+            f"a spheroid of {half_length_m} m by {radius_m} m and permeability {mu_r} cannot be: "
+            f"give lengths above 0 and a permeability of 1 or more."
+        )
+    along = compute_demagnetizing_factor(half_length_m / radius_m)
+    volume = 4 / 3 * np.pi * radius_m**2 * half_length_m
+    lengthwise = float(nav_field @ axis) * axis
+    across = nav_field - lengthwise
+    chi = mu_r - 1
+    magnetized = chi / (1 + along * chi) * lengthwise + chi / (1 + (1 - along) / 2 * chi) * across
+    return np.asarray(volume / (4 * np.pi * SCALE_UT) * magnetized, dtype=np.float64)
+
+
+def compute_demagnetizing_factor(aspect: float) -> float:
+    """Factor N along the axis of revolution of a spheroid, `aspect` = that semi-axis over the others (Osborn 1945)."""
+    if abs(aspect - 1) < 1e-4:
+        return 1 / 3 - 4 / 15 * (aspect - 1)
+    if aspect > 1:
+        e = np.sqrt(1 - aspect**-2)
+        return float((np.arctanh(e) / e - 1) * (1 - e**2) / e**2)
+    e = np.sqrt(1 - aspect**2)
+    return float((1 - np.sqrt(1 - e**2) * np.arcsin(e) / e) / e**2)
+
+
+def rod(start: Floats, end: Floats, moment: Floats, count: int = 8) -> Dipoles:
+    """Return a long body from `start` (3,) m to `end` (3,) m as a row of dipoles; `moment` (3,) A m^2 in all."""
+    share = (np.arange(count) + 0.5) / count
+    position = start + share[:, None] * (np.asarray(end) - start)
+    return Dipoles(position, np.tile(np.asarray(moment, dtype=np.float64) / count, (count, 1)))
+
+
+@njit(cache=True, error_model="numpy")
+def _dipoles_at(position: Floats, source: Floats, moment: Floats) -> tuple[Floats, int]:
+    """Field (N, 3) uT of sources (3, K), and the last position that lies on one of them (-1 if none does)."""
+    source_x, source_y, source_z = source
+    moment_x, moment_y, moment_z = moment
+    total = np.empty((len(position), 3))
+    hit = -1
+    for i in range(len(position)):
+        px, py, pz = position[i]
+        bx = by = bz = 0.0
+        nearest = np.inf
+        for k in range(len(source_x)):
+            x, y, z = px - source_x[k], py - source_y[k], pz - source_z[k]
+            square = x * x + y * y + z * z
+            nearest = min(nearest, square)
+            inverse = 1.0 / square
+            cube = SCALE_UT * inverse * np.sqrt(inverse)
+            along = 3.0 * inverse * (moment_x[k] * x + moment_y[k] * y + moment_z[k] * z)
+            bx += cube * (along * x - moment_x[k])
+            by += cube * (along * y - moment_y[k])
+            bz += cube * (along * z - moment_z[k])
+        total[i, 0], total[i, 1], total[i, 2] = bx, by, bz
+        if nearest < CLOSEST_M * CLOSEST_M:
+            hit = i
+    return total, hit
+
+
+@dataclass(frozen=True)
+class Circuit:
+    """A closed polygon of conductors."""
+
+    corners: Floats  # (K, 3) m in nav; the last is joined to the first.
+    current_A: float  # Positive from corner to corner in their order.
+
+    def __post_init__(self) -> None:
+        corners = np.ascontiguousarray(self.corners, dtype=np.float64)
+        if corners.ndim != 2 or corners.shape[1:] != (3,) or len(corners) < 3 or not np.isfinite(corners).all():
+            raise SimulationError(f"corners of shape {corners.shape} close no circuit: give three or more finite ones.")
+        object.__setattr__(self, "corners", corners)
+
+    def at(self, position: Floats) -> Floats:
+        """Flux density (N, 3) uT at `position` (N, 3) m.
+
+        Raises `SimulationError` on the conductor.
+        """
+        field = self.current_A * _per_ampere(np.ascontiguousarray(position, dtype=np.float64), self.corners)
+        if not np.isfinite(field).all():
+            raise SimulationError("the sensor lies on a conductor: move the circuit or the path.")
+        return field
+
+    def pieces(self, length_m: float) -> Floats:
+        """Points (N, 3) m on the conductor, `length_m` apart or less."""
+        ends = np.roll(self.corners, -1, axis=0)
+        count = 1 + int(np.linalg.norm(ends - self.corners, axis=1).max() / length_m)
+        share = np.arange(count)[:, None, None] / count
+        points: Floats = (self.corners + share * (ends - self.corners)).reshape(-1, 3)
+        return points
+
+
+@njit(cache=True, error_model="numpy")
+def _per_ampere(position: Floats, corners: Floats) -> Floats:
+    total = np.zeros((len(position), 3))
+    count = len(corners)
+    for i in range(len(position)):
+        ax, ay, az = position[i] - corners[count - 1]
+        a = np.sqrt(ax * ax + ay * ay + az * az)
+        for k in range(count):
+            bx, by, bz = position[i, 0] - corners[k, 0], position[i, 1] - corners[k, 1], position[i, 2] - corners[k, 2]
+            b = np.sqrt(bx * bx + by * by + bz * bz)
+            shape = SCALE_UT * (a + b) / (a * b * (a * b + ax * bx + ay * by + az * bz))
+            total[i, 0] += shape * (ay * bz - az * by)
+            total[i, 1] += shape * (az * bx - ax * bz)
+            total[i, 2] += shape * (ax * by - ay * bx)
+            ax, ay, az, a = bx, by, bz, b
+    return total
+
+
 PHYSICAL, AS_PRINTED = 2.0, 1.0  # Exponents n: that of the physics, and that of MD (21) as printed.
 STREETLIGHT_M, CAR_M = 0.30, 2.0  # Radii of the template's cylinders (paper, Section 2.2).
 TEMPLATE_LENGTH_M = 120.0  # After this the template repeats; our choice, a block of houses.
 
-TEMPLATE: tuple[tuple[float, float, float], ...] = (
-    (15.0, 1.0, STREETLIGHT_M),
-    (45.0, 1.0, STREETLIGHT_M),
-    (60.0, 4.0, CAR_M),
-    (75.0, 1.0, STREETLIGHT_M),
-    (105.0, 1.0, STREETLIGHT_M),
-)
+TEMPLATE = (*((along, 1.0, STREETLIGHT_M) for along in (15.0, 45.0, 75.0, 105.0)), (60.0, 4.0, CAR_M))
 """Along the street (m), to the left of it (m), radius (m); our choice, see above."""
 
-PAST_CARS: tuple[tuple[float, float, float], ...] = (
-    (27.0, 5.0, STREETLIGHT_M),
-    (57.0, 5.0, STREETLIGHT_M),
-    (87.0, 5.0, STREETLIGHT_M),
-    (110.0, 8.0, CAR_M),
-    (117.0, 5.0, STREETLIGHT_M),
-)
+PAST_CARS = (*((along, 5.0, STREETLIGHT_M) for along in (27.0, 57.0, 87.0, 117.0)), (110.0, 8.0, CAR_M))
 """The same for one who walks on the far side; our choice, see above."""
 
 
 @dataclass(frozen=True)
 class Cylinders:
-    """K upright cylinders, each alone in its cell.
+    """K upright cylinders, each alone in its cell."""
 
-    Attributes
-    ----------
-    axis : (K, 2) m, east and north of each axis.
-    radius : (K,) m.
-    far : the field far from iron.
-    mu_r : relative permeability.
-    exponent : n; `PHYSICAL` or `AS_PRINTED`.
-    """
-
-    axis: Floats
-    radius: Floats
-    far: Homogeneous
-    mu_r: float = IRON_MU_R
-    exponent: float = PHYSICAL
+    axis: Floats  # (K, 2) m, east and north of each axis.
+    radius: Floats  # (K,) m.
+    far: Homogeneous  # The field far from iron.
+    mu_r: float = IRON_MU_R  # Relative permeability.
+    exponent: float = PHYSICAL  # n; `PHYSICAL` or `AS_PRINTED`.
 
     def __post_init__(self) -> None:
         axis, radius = np.asarray(self.axis, dtype=np.float64), np.asarray(self.radius, dtype=np.float64)
@@ -227,8 +345,7 @@ class Cylinders:
             raise SimulationError(f"axes {axis.shape} and radii {radius.shape} do not match: give (K, 2) and (K,).")
         if not (np.isfinite(axis).all() and (radius > 0).all() and self.mu_r >= 1 and self.exponent > 0):
             raise SimulationError(
-                "a cylinder needs a finite axis, a radius above 0, a permeability of 1 or more "
-                "and an exponent above 0: check the four."
+                "a cylinder needs a finite axis, a radius and an exponent above 0 and a mu_r of 1: check."
             )
         object.__setattr__(self, "axis", axis)
         object.__setattr__(self, "radius", radius)
@@ -239,7 +356,12 @@ class Cylinders:
         Raises `SimulationError` inside a cylinder.
         """
         nearest, gap = self._nearest(position)
-        self._check_outside(position, nearest, gap)
+        if len(gap) and gap.min() < 0:
+            i = int(np.argmin(gap))
+            raise SimulationError(
+                f"{np.round(position[i, :2], 2)} m lies inside the cylinder of radius {self.radius[nearest[i]]} m at "
+                f"{np.round(self.axis[nearest[i]], 2)} m: lead the path around it."
+            )
         arm = position[:, :2] - self.axis[nearest]
         square = np.sum(arm**2, axis=1, keepdims=True)
         far = self.far.vector[:2]
@@ -263,15 +385,6 @@ class Cylinders:
             nearest[nearer], gap[nearer] = k, own[nearer]
         return nearest, gap
 
-    def _check_outside(self, position: Floats, nearest: Ints, gap: Floats) -> None:
-        if len(gap) and gap.min() < 0:
-            i = int(np.argmin(gap))
-            east, north = self.axis[nearest[i]]
-            raise SimulationError(
-                f"({position[i, 0]:.2f}, {position[i, 1]:.2f}) m lies inside the cylinder of radius "
-                f"{self.radius[nearest[i]]} m at ({east:.2f}, {north:.2f}) m: lead the path around it."
-            )
-
 
 def street(
     far: Homogeneous,
@@ -282,18 +395,10 @@ def street(
     exponent: float = PHYSICAL,
     template: Sequence[tuple[float, float, float]] = TEMPLATE,
 ) -> Cylinders:
-    """Street with the template of Figure 4, repeated along it.
+    """Street with a template (along, to the left, radius; m) of cylinders, repeated along it.
 
-    Parameters
-    ----------
-    far : the field far from iron; the paper's is that of the equator.
-    length_m : of the street; one more block is put before it and behind it.
-    start : east and north of its beginning, m.
-    heading_deg : direction of the street; 90 is east, as in the paper.
-    exponent : `PHYSICAL` or `AS_PRINTED`.
-    template : of a block: along the street, to the left of it and radius of each cylinder, m.
-
-    Raises `SimulationError` for a length that is not above 0.
+    It begins at `start` (east and north, m) and goes in a direction of which 90 degrees is east, as in the paper; one
+    more block is put before it and behind it. Raises `SimulationError` for a length that is not above 0.
     """
     if not 0 < length_m < np.inf:
         raise SimulationError(f"a street of {length_m} m cannot be: give a length above 0.")

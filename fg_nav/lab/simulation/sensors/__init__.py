@@ -4,9 +4,9 @@ Symbols: w rate (rad/s), f specific force (m/s^2), each the mean over a sample's
 at the instants of the magnetometer's own samples; all in the body frame. A bar is the mean over the units of a
 module, u counts them; every equation is explained in the file that is named.
 
-    gyr = mean_u digits((I + E_u) w + G_u f + b_u + d_u(t) + n)     `triad`, `drift`
-    acc = mean_u digits((I + E_u) f + b_u + d_u(t) + n)             `triad`, `drift`
-    mag = mean_u digits(K_u (S B(t - lag) + h) + o_u + n)           `magnetometer`, `iron`
+    gyr = mean_u digits((I + E_u) w + G_u f + b_u + d_u(t) + n)     `triad`
+    acc = mean_u digits((I + E_u) f + b_u + d_u(t) + n)             `triad`
+    mag = mean_u digits(K_u (S B(t - lag) + h) + o_u + n)           `magnetometer`
     stamp = (1 + e) t + delay, in a queue; some samples are lost    `clock`
 
 Three stages, three sources of chance, so that a sensor calibrated in one scenario is the same one in the next:
@@ -17,45 +17,102 @@ Three stages, three sources of chance, so that a sensor calibrated in one scenar
 `SensorRun`   one walk with it: b, d(t), n, delays, losses   `sensor.switched_on(rng)`, new on every walk
 ============= ============================================== ===============================================
 
+The sensors by name stand in `presets.toml`, with the source of each figure.
+
 >>> sensor = preset("mpu-9250x8").draw(np.random.default_rng(1))
->>> run = sensor.switched_on(np.random.default_rng(2))
+>>> run = sensor.switch_on(np.random.default_rng(2))
 >>> samples = run.measure(t, rate, force, body_field)  # block after block; body_field(instants) is (M, 3) uT
 >>> run.biases_at(np.arange(0.0, t[-1]))  # the truth
-
-Drawn values and parameters are put into JSON by `as_dict`.
 """
 
-from fg_nav.lab.simulation.sensors.clock import Clock, ClockPrior
-from fg_nav.lab.simulation.sensors.magnetometer import (
-    Iron,
-    IronPrior,
-    Magnetometer,
-    MagnetometerPrior,
-    ma_table_1,
-    make_iron,
-)
-from fg_nav.lab.simulation.sensors.presets import PRESETS, preset
-from fg_nav.lab.simulation.sensors.sensor import Biases, Samples, Sensor, SensorPrior, SensorRun, Unit
-from fg_nav.lab.simulation.sensors.triad import Drift, Triad, TriadPrior
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Mapping
+from dataclasses import asdict
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from fg_nav.errors import SimulationError
+from fg_nav.lab.simulation.checks import describe_wrong
+from fg_nav.lab.simulation.sensors.clock import ClockPrior
+from fg_nav.lab.simulation.sensors.magnetometer import IronPrior, MagnetometerPrior, ma_table_1, make_iron
+from fg_nav.lab.simulation.sensors.sensor import Samples, Sensor, SensorPrior, SensorRun
+from fg_nav.lab.simulation.sensors.triad import Drift, TriadPrior
 
 __all__ = [
     "PRESETS",
-    "Biases",
-    "Clock",
     "ClockPrior",
     "Drift",
-    "Iron",
     "IronPrior",
-    "Magnetometer",
     "MagnetometerPrior",
     "Samples",
     "Sensor",
     "SensorPrior",
     "SensorRun",
-    "Triad",
     "TriadPrior",
-    "Unit",
     "ma_table_1",
     "make_iron",
     "preset",
+    "read_sensor",
 ]
+
+PRESETS: Mapping[str, Mapping[str, Any]] = tomllib.loads((Path(__file__).parent / "presets.toml").read_text("utf-8"))
+"""Tables of the sensors that `preset` knows."""
+
+PERFECT = SensorPrior("perfect", 1.0)
+
+
+class _Table(BaseModel):
+    """A sensor as it stands in a file."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    sensor: SensorPrior
+
+
+@cache
+def preset(name: str) -> SensorPrior:
+    """Prior of a sensor by name; the names are in `PRESETS`.
+
+    Raises `SimulationError` if there is no such sensor.
+    """
+    if name not in PRESETS:
+        raise SimulationError(f"there is no sensor '{name}': take one of {', '.join(PRESETS)}.")
+    table = dict(PRESETS[name])
+    like = table.pop("like", None)
+    return read_sensor({**table, "name": name}, PERFECT if like is None else preset(like))
+
+
+def read_sensor(table: Mapping[str, Any], like: SensorPrior) -> SensorPrior:
+    """A sensor with what a table gives in place of the parameters of another; "none" leaves its magnetometer out.
+
+    Raises `SimulationError` for the first parameter that is unknown or cannot be.
+    """
+    whole = _update_nested(asdict(like), table)
+    try:  # as JSON, where lists are tuples and whole numbers are numbers, but nothing else is converted
+        return _Table.model_validate_json(json.dumps({"sensor": whole}, default=str)).sensor
+    except ValidationError as error:
+        unknown = [one["loc"] for one in error.errors() if one["type"] == "unexpected_keyword_argument"]
+        if error.errors()[0]["loc"] not in unknown:
+            raise SimulationError(describe_wrong(error)) from None
+        # the table has all that it may, and what is unknown
+        *path, key = map(str, unknown[0])
+        known: Mapping[str, Any] = {"sensor": whole}
+        for part in path:
+            known = known[part]
+        names = [name for name in known if (*path, name) not in unknown]
+        raise SimulationError(f"{'.'.join(path)} has no parameter '{key}': it knows {', '.join(names)}.") from None
+
+
+def _update_nested(base: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    changed = dict(base)
+    for key, value in given.items():
+        of = asdict(MagnetometerPrior()) if key == "mag" and base.get(key) is None else base.get(key)
+        nested = isinstance(value, Mapping) and isinstance(of, Mapping)
+        changed[key] = _update_nested(of, value) if nested else None if value == "none" else value
+    return changed

@@ -1,30 +1,25 @@
 """The whole sensor: one unit or several averaged, the iron around them, and the clock of the logger.
 
-    prior.draw(rng) -> Sensor                what stays the same from walk to walk: scale, axes, iron, clock
-    sensor.switched_on(rng) -> SensorRun     what is new on every walk: turn-on biases, drift, noise
-    run.measure(t, rate, force, field)       the next block of samples
-
 A module of several units (Ma's has eight) averages their readings row by row. Every unit is simulated on its own,
 with its own errors, range and steps, and the readings are averaged after: so white noise falls with the square
 root of their number, the units' own errors do too, and a peak beyond the range is cut before it is averaged. What
-all units share does not average away: the iron and the turn of the board against the body.
+all units share does not average away: the iron.
 
-No result depends on how the walk is cut into blocks: every kind of noise has a stream of its own, drawn in the
-order of the samples, and drifts are functions of time.
+No result depends on how the walk is cut into blocks: every kind of noise has a stream of its own.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+from pydantic import Field
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import SimulationError
-from fg_nav.lab.simulation.sensors import checks
-from fg_nav.lab.simulation.sensors.clock import Clock, ClockPrior
+from fg_nav.lab.simulation.checks import Checked, Positive
+from fg_nav.lab.simulation.sensors.clock import ClockPrior, ClockRun
 from fg_nav.lab.simulation.sensors.magnetometer import (
     BodyField,
     Compass,
@@ -33,54 +28,24 @@ from fg_nav.lab.simulation.sensors.magnetometer import (
     Magnetometer,
     MagnetometerPrior,
     average_units,
+    check_rows,
 )
-from fg_nav.lab.simulation.sensors.triad import Triad, TriadPrior
+from fg_nav.lab.simulation.sensors.triad import Triad, TriadPrior, TriadRun
 from fg_nav.text import to_json
-
-MAX_UNITS = 256
-
-MAX_RAD_S, MAX_M_S2 = 100.0, 1000.0
-"""No error of a gyroscope or an accelerometer is larger: a few times the range of any of them."""
 
 
 @dataclass(frozen=True)
-class SensorPrior:
-    """What sensors of one make are like, and so what an estimator may assume of one; perfect by default.
+class SensorPrior(Checked):
+    """What sensors of one make are like, and so what an estimator may assume of one; perfect by default."""
 
-    Attributes
-    ----------
-    name : of the preset or the make.
-    rate_hz : rows a second.
-    gyr, acc : gyroscopes (rad/s) and accelerometers (m/s^2) of a unit.
-    mag : its magnetometer; None for none.
-    iron : that all units carry along.
-    clock : of the logger.
-    units : how many are averaged.
-    mount_sd_rad : turn of the board against the body, per axis, the same for all units.
-
-    Raises `SimulationError` if the rate is not positive, an error negative or more than can be, or the number of units
-    none, naming the field.
-    """
-
-    name: str
-    rate_hz: float
-    gyr: TriadPrior = field(default_factory=TriadPrior)
+    name: str  # Of the preset or the make.
+    rate_hz: Positive  # Rows a second.
+    gyr: TriadPrior = field(default_factory=TriadPrior)  # Gyroscopes (rad/s) and accelerometers (m/s^2) of a unit.
     acc: TriadPrior = field(default_factory=TriadPrior)
-    mag: MagnetometerPrior | None = field(default_factory=MagnetometerPrior)
-    iron: IronPrior = field(default_factory=IronPrior)
-    clock: ClockPrior = field(default_factory=ClockPrior)
-    units: int = 1
-    mount_sd_rad: float = 0.0
-
-    def __post_init__(self) -> None:
-        checks.positive_finite(self, "rate_hz")
-        checks.up_to(np.pi, self, "mount_sd_rad")
-        self.gyr.check_errors(MAX_RAD_S, "SensorPrior.gyr")
-        self.acc.check_errors(MAX_M_S2, "SensorPrior.acc")
-        if not isinstance(self.units, int) or not 1 <= self.units <= MAX_UNITS:
-            raise SimulationError(
-                f"units of a SensorPrior is {self.units!r}: give a whole number from 1 to {MAX_UNITS}."
-            )
+    mag: MagnetometerPrior | None = field(default_factory=MagnetometerPrior)  # Its magnetometer; None for none.
+    iron: IronPrior = field(default_factory=IronPrior)  # That all units carry along.
+    clock: ClockPrior = field(default_factory=ClockPrior)  # Of the logger.
+    units: Annotated[int, Field(ge=1, le=256)] = 1  # How many are averaged.
 
     @property
     def period_s(self) -> float:
@@ -100,14 +65,18 @@ class SensorPrior:
 
     def draw(self, rng: np.random.Generator) -> Sensor:
         """Draw one particular sensor."""
-        mount = Rotation.from_rotvec(self.mount_sd_rad * rng.standard_normal(3)).as_matrix()
-        iron, clock = self.iron.draw(rng), self.clock.draw(rng)
-        units = tuple(Unit.draw(self, rng) for _ in range(self.units))
-        return Sensor(self, units, iron, clock, mount)
+        iron, clock_scale_error = self.iron.draw(rng), self.clock.scale_sd * float(rng.standard_normal())
+        units = []
+        for _ in range(self.units):
+            mag = None if self.mag is None else self.mag.draw(rng)
+            units.append(Unit(self.gyr.draw(rng), self.acc.draw(rng), mag))
+        return Sensor(self, tuple(units), iron, clock_scale_error)
 
     def as_dict(self) -> dict[str, Any]:
         """Parameters for JSON, in SI units and uT; None stands for infinite."""
-        return _plain_dict(self)
+        values = to_json(self)
+        assert isinstance(values, dict)
+        return values
 
 
 @dataclass(frozen=True)
@@ -118,45 +87,46 @@ class Unit:
     acc: Triad
     mag: Magnetometer | None
 
-    @classmethod
-    def draw(cls, prior: SensorPrior, rng: np.random.Generator) -> Unit:
-        """Draw one unit."""
-        mag = None if prior.mag is None else prior.mag.draw(rng)
-        return cls(prior.gyr.draw(rng), prior.acc.draw(rng), mag)
+    def as_dict(self) -> dict[str, Any]:
+        """What is particular about it, for JSON; its prior is written once."""
+        gyr, acc, mag = self.gyr, self.acc, self.mag
+        drawn = {"gyr_matrix": gyr.matrix, "g_sensitivity": gyr.g_sensitivity, "acc_matrix": acc.matrix}
+        if mag is not None:
+            drawn |= {"mag_matrix": mag.matrix, "mag_offset_uT": mag.offset_uT}
+        return {name: to_json(value) for name, value in drawn.items()}
 
 
 @dataclass(frozen=True)
 class Sensor:
     """One particular sensor: what stays the same from walk to walk.
 
-    `units`, `iron` and `clock` as drawn; `board_R_body` (3, 3) turns body vectors into the axes of the board.
+    `units`, `iron` and the scale error of the logger's clock as drawn.
     """
 
     prior: SensorPrior
     units: tuple[Unit, ...]
     iron: Iron
-    clock: Clock
-    board_R_body: Floats
+    clock_scale_error: float
 
     @property
     def gyr_matrix(self) -> Floats:
-        """What the readings make of a rate (3, 3): the mean of the units, after the turn of the board."""
-        return average_units([unit.gyr.matrix for unit in self.units]) @ self.board_R_body
+        """What the readings make of a rate (3, 3): the mean of the units."""
+        return average_units([unit.gyr.matrix for unit in self.units])
 
     @property
     def acc_matrix(self) -> Floats:
         """What the readings make of a specific force (3, 3)."""
-        return average_units([unit.acc.matrix for unit in self.units]) @ self.board_R_body
+        return average_units([unit.acc.matrix for unit in self.units])
 
     @property
     def g_sensitivity(self) -> Floats:
         """What the rate readings make of a specific force (3, 3), rad/s per m/s^2."""
-        return average_units([unit.gyr.g_sensitivity for unit in self.units]) @ self.board_R_body
+        return average_units([unit.gyr.g_sensitivity for unit in self.units])
 
     @property
     def soft_iron(self) -> Floats:
         """What the field readings make of a field (3, 3): iron and the chips' own errors together."""
-        return self._mag_matrix() @ self.iron.soft @ self.board_R_body
+        return self._mag_matrix() @ self.iron.soft
 
     @property
     def hard_iron_uT(self) -> Floats:
@@ -174,10 +144,9 @@ class Sensor:
         return {
             "prior": self.prior.as_dict(),
             **{name: to_json(getattr(self, name)) for name in effective},
-            "clock_scale_error": self.clock.scale_error,
-            "board_R_body": to_json(self.board_R_body),
+            "clock_scale_error": self.clock_scale_error,
             "iron": to_json(self.iron),
-            "units": [_drawn(unit) for unit in self.units],
+            "units": [unit.as_dict() for unit in self.units],
         }
 
     def _mag_matrix(self) -> Floats:
@@ -191,28 +160,22 @@ class Samples:
 
     Attributes
     ----------
-    t : (M,) s, stamps: strictly increasing, on from the block before.
-    taken : (M,) s, what the logger's clock showed when they were taken: stamps without delay, for the truth.
-    acc, gyr : (M, 3) m/s^2, rad/s.
     mag : (M, 3) uT, NaN (or the last one, if held) where there is no new sample; None without a magnetometer.
-    fresh : (M,) whether there is a new sample of the field; None without a magnetometer.
-    row : (M,) which instants of the block they are, for the truth.
     """
 
-    t: Floats
-    taken: Floats
-    acc: Floats
+    t: Floats  # (M,) s, stamps: strictly increasing, on from the block before.
+    taken: Floats  # (M,) s, what the logger's clock showed when they were taken: stamps without delay, for the truth.
+    acc: Floats  # (M, 3) m/s^2, rad/s.
     gyr: Floats
     mag: Floats | None
-    fresh: Bools | None
-    row: Ints
+    fresh: Bools | None  # (M,) whether there is a new sample of the field; None without a magnetometer.
+    row: Ints  # (M,) which instants of the block they are, for the truth.
 
     def __len__(self) -> int:
         return len(self.t)
 
 
-@dataclass(frozen=True)
-class Biases:
+class Biases(NamedTuple):
     """True biases of the averaged readings at N instants: `gyr` (N, 3) rad/s, `acc` (N, 3) m/s^2."""
 
     gyr: Floats
@@ -227,36 +190,25 @@ class SensorRun:
         rate_hz = sensor.prior.rate_hz
         clock_rng, field_rng, *unit_rngs = rng.spawn(2 + 2 * len(sensor.units))
         pairs = list(zip(sensor.units, unit_rngs[::2], unit_rngs[1::2], strict=True))
-        self._gyr = [unit.gyr.switch_on(gyr_rng, rate_hz) for unit, gyr_rng, _ in pairs]
-        self._acc = [unit.acc.switch_on(acc_rng, rate_hz) for unit, _, acc_rng in pairs]
-        self._clock = sensor.clock.switch_on(clock_rng, rate_hz)
-        self._compass = Compass(
-            sensor.prior.mag, [unit.mag for unit in sensor.units], sensor.iron, sensor.board_R_body, field_rng
-        )
+        self._gyr = [TriadRun(unit.gyr, gyr_rng, rate_hz) for unit, gyr_rng, _ in pairs]
+        self._acc = [TriadRun(unit.acc, acc_rng, rate_hz) for unit, _, acc_rng in pairs]
+        self._clock = ClockRun(sensor.prior.clock, sensor.clock_scale_error, clock_rng, rate_hz)
+        self._compass = Compass(sensor.prior.mag, [unit.mag for unit in sensor.units], sensor.iron, field_rng)
         self._end = -np.inf
 
     def measure(self, t: Floats, rate: Floats, force: Floats, body_field: BodyField | None = None) -> Samples:
         """Take the next N samples.
 
-        Parameters
-        ----------
-        t : (N,) s from 0 on, rising, one every period: when each sample begins.
-        rate, force : (N, 3) rad/s and m/s^2 in the body frame, each the mean over [t, t + period].
-        body_field : asked once, if the block has samples of the magnetometer, for the field (M, 3) uT in the body
-            frame, without iron, when they were taken: at M rising instants (M,) s, a lag before their rows and so
-            maybe a little before t[0] or 0. None for a recording without magnetometer.
-
-        Returns
-        -------
-        Samples
-            Those that arrive, with their stamps.
-
-        Raises `SimulationError` if shapes disagree, something is not finite, or the block does not follow on the one
-        before.
+        `rate` and `force` (N, 3) in the body frame are the means over [t, t + period], `t` (N,) s from 0 on. The field
+        is asked for once, if the block has samples of the magnetometer: (M, 3) uT in the body frame, without iron, at M
+        rising instants, a lag before their rows and so maybe a little before t[0] or 0. Raises `SimulationError` if
+        shapes disagree, something is not finite, or the block does not follow on the one before.
         """
-        self._admit(t, rate, force)
-        turn = self.sensor.board_R_body.T
-        rate, force = rate @ turn, force @ turn
+        check_rows("rate", rate, t)
+        check_rows("force", force, t)
+        if not (np.diff(t, prepend=self._end) > 0).all():
+            raise SimulationError("the instants to measure at do not rise: give blocks one after the other, each once.")
+        self._end = float(t[-1]) if len(t) else self._end
         gyr = average_units([unit.measure(t, rate, force) for unit in self._gyr])
         acc = average_units([unit.measure(t, force) for unit in self._acc])
         mag, fresh = self._compass.measure(t, body_field)
@@ -267,10 +219,7 @@ class SensorRun:
 
     def biases_at(self, t: Floats) -> Biases:
         """True biases at any instants `t` (N,) s of the walk, turn-on and drift together."""
-        return Biases(
-            gyr=average_units([unit.bias_at(t) for unit in self._gyr]),
-            acc=average_units([unit.bias_at(t) for unit in self._acc]),
-        )
+        return Biases(*(average_units([unit.bias_at(t) for unit in units]) for units in (self._gyr, self._acc)))
 
     def as_dict(self) -> dict[str, Any]:
         """What was new on this walk, for JSON: turn-on biases of the average, and unit by unit."""
@@ -280,28 +229,3 @@ class SensorRun:
             "acc_turn_on_bias_m_s2": to_json(average_units(acc)),
             "units": [{"gyr": to_json(g), "acc": to_json(a)} for g, a in zip(gyr, acc, strict=True)],
         }
-
-    def _admit(self, t: Floats, rate: Floats, force: Floats) -> None:
-        checks.rows("rate", rate, t)
-        checks.rows("force", force, t)
-        if not (np.diff(t, prepend=self._end) > 0).all():
-            raise SimulationError("the instants to measure at do not rise: give blocks one after the other, each once.")
-        self._end = float(t[-1]) if len(t) else self._end
-
-
-def _drawn(unit: Unit) -> dict[str, Any]:
-    """What is particular about a unit; its prior is written once."""
-    values: dict[str, Any] = {
-        "gyr_matrix": to_json(unit.gyr.matrix),
-        "g_sensitivity": to_json(unit.gyr.g_sensitivity),
-        "acc_matrix": to_json(unit.acc.matrix),
-    }
-    if unit.mag is not None:
-        values |= {"mag_matrix": to_json(unit.mag.matrix), "mag_offset_uT": to_json(unit.mag.offset_uT)}
-    return values
-
-
-def _plain_dict(value: object) -> dict[str, Any]:
-    values = to_json(value)
-    assert isinstance(values, dict)
-    return values

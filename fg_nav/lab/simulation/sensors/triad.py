@@ -13,8 +13,7 @@ digits       the end of the range, then the steps of the converter (`digitize`)
 ====== ===== ===========================================================================================
 
 u is the unit of the triad. The noise density N (u/sqrt(Hz)) is the one estimators use: two-sided, the Allan
-deviation at 1 s, the angle or velocity random walk. A data sheet's noise density is one-sided and sqrt(2) times
-as large: 0.01 deg/s/sqrt(Hz) over 92 Hz make the 0.1 deg/s rms of the MPU-9250's sheet.
+deviation at 1 s, the angle or velocity random walk. A data sheet's is one-sided and sqrt(2) times as large.
 
 Six free off-diagonal elements of M hold both the turn of the triad against the body and its axes' skewness.
 
@@ -31,55 +30,45 @@ is a function of time, defined at any instant, whatever the rate.
 
 MD writes the AR(1) with a driving noise of B/sqrt(tau) a sample, MD (24), tau = t_B f_s samples, MD (25), and
 c = exp(-1/tau), MD (10), (11), B and t_B the lowest Allan deviation and where it lies. Hence
-s = B/sqrt(2) for any rate worth the name, T = t_B: `Drift.of_instability`. The Allan deviation of such a
+s = B/sqrt(2) for any rate worth the name, T = t_B. The Allan deviation of such a
 process has its hump, 0.62 s, at 1.9 T: it is 0.44 B.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Annotated, TypeAlias
 
 import numpy as np
+from pydantic import Field
 from scipy.signal import lfilter
 
 from fg_nav.arrays import Floats
-from fg_nav.lab.simulation.sensors import checks
-from fg_nav.lab.simulation.sensors.checks import ZERO, Triple
+from fg_nav.lab.simulation.checks import Checked, NotNegative, Share
 
 KNOTS_PER_TIME = 20.0
 """Knots in a correlation time: half-way between two of them the variance is 2.5 per cent too small."""
 
 MAX_STEP_S = 1.0  # Knots are no further apart than this, however slow the drift.
 MIN_TIME_S = 1.0  # What is forgotten faster is noise.
+MAX_ERROR = 1e3  # No error of a gyroscope (rad/s) or an accelerometer (m/s^2) is larger: a few times any range.
 _CHUNK = 1024  # Knots are drawn this many at a time, so that the path does not depend on how far it is asked for.
 
 
+Error: TypeAlias = Annotated[float, Field(ge=0.0, le=MAX_ERROR)]
+Offset: TypeAlias = Annotated[float, Field(ge=-MAX_ERROR, le=MAX_ERROR)]
+Offsets: TypeAlias = tuple[Offset, Offset, Offset]
+Limit: TypeAlias = Annotated[float, Field(gt=0.0)]
+
+
 @dataclass(frozen=True)
-class Drift:
-    """How the bias of a triad wanders; none by default.
+class Drift(Checked):
+    """How the bias of a triad wanders; none by default."""
 
-    Attributes
-    ----------
-    sd : of the Gauss-Markov part at any time, u.
-    time_s : its correlation time, s.
-    walk : density of the random walk, u/sqrt(s): after t seconds its standard deviation is walk sqrt(t).
-    trend : m (3,), steady change per axis since t = 0, u/s.
-    """
-
-    sd: float = 0.0
-    time_s: float = 100.0
-    walk: float = 0.0
-    trend: Triple = ZERO
-
-    def __post_init__(self) -> None:
-        checks.not_negative(self, "sd", "walk")
-        checks.at_least(self, "time_s", MIN_TIME_S)
-        checks.vector(self, "trend")
-
-    @classmethod
-    def of_instability(cls, lowest_allan: float, time_s: float, walk: float = 0.0) -> Drift:
-        """Gauss-Markov part after MD (24), (25): from the Allan deviation's minimum (u) and where it is (s)."""
-        return cls(sd=float(lowest_allan / np.sqrt(2)), time_s=time_s, walk=walk)
+    sd: Error = 0.0  # Of the Gauss-Markov part at any time, u.
+    time_s: Annotated[float, Field(ge=MIN_TIME_S, allow_inf_nan=False)] = 100.0  # Its correlation time, s.
+    walk: Error = 0.0  # Density of the random walk, u/sqrt(s): after t seconds its standard deviation is walk sqrt(t).
+    trend: Offsets = (0.0, 0.0, 0.0)  # m (3,), steady change per axis since t = 0, u/s.
 
     @property
     def step_s(self) -> float:
@@ -100,21 +89,15 @@ class DriftPath:
 
     def at(self, t: Floats) -> Floats:
         """Drift (N, 3) u at any instants `t` (N,) s; before 0 it is as at 0."""
-        wander = self._wander(t)
-        if any(self._drift.trend):
-            wander += np.maximum(t, 0.0)[:, None] * self._drift.trend
-        return wander
-
-    def _wander(self, t: Floats) -> Floats:
-        """The part that is chance."""
+        trend = np.maximum(t, 0.0)[:, None] * self._drift.trend
         if self._absent or not len(t):
-            return np.zeros((len(t), 3))
+            return trend
         place = np.maximum(t, 0.0) / self._drift.step_s
         left = place.astype(np.int64)
         while left.max() + 1 >= len(self._knots):
             self._extend()
         slope = np.diff(self._knots[: left.max() + 2], axis=0)
-        return np.asarray(self._knots[left] + (place - left)[:, None] * slope[left])
+        return np.asarray(trend + self._knots[left] + (place - left)[:, None] * slope[left])
 
     def _extend(self) -> None:
         noise = self._rng.standard_normal((_CHUNK, 2, 3))
@@ -126,49 +109,19 @@ class DriftPath:
         self._knots = np.vstack([self._knots, markov + walk])
 
 
-MAX_SPREAD = 0.5  # Of the elements of M; beyond that the axes are anywhere.
-
-
 @dataclass(frozen=True)
-class TriadPrior:
-    """What triads of one make are like; a perfect one by default. u is rad/s or m/s^2.
+class TriadPrior(Checked):
+    """What triads of one make are like; a perfect one by default. u is rad/s or m/s^2."""
 
-    Attributes
-    ----------
-    noise_density : N, u/sqrt(Hz), two-sided.
-    bias, bias_sd : turn-on bias, expected (3,) and standard deviation about it per axis, u.
-    drift : of the bias.
-    scale_sd, cross_axis_sd : standard deviations of M's elements on and off the diagonal.
-    g_sensitivity_sd : standard deviation of G's elements, u per m/s^2.
-    limit : end of the range, u.
-    resolution : step of the converter, u; 0 for none.
-
-    Raises `SimulationError` if a standard deviation is negative or anything is not a number or more than can be, naming
-    the field.
-    """
-
-    noise_density: float = 0.0
-    bias: Triple = ZERO
-    bias_sd: float = 0.0
-    drift: Drift = field(default_factory=Drift)
-    scale_sd: float = 0.0
-    cross_axis_sd: float = 0.0
-    g_sensitivity_sd: float = 0.0
-    limit: float = np.inf
-    resolution: float = 0.0
-
-    def __post_init__(self) -> None:
-        checks.not_negative(self, "noise_density", "bias_sd", "g_sensitivity_sd", "resolution")
-        checks.up_to(MAX_SPREAD, self, "scale_sd", "cross_axis_sd")
-        checks.positive(self, "limit")
-        checks.vector(self, "bias")
-
-    def check_errors(self, most: float, called: str) -> None:
-        """Demand errors that are no larger than `most` (u) for a triad `called` so; raises SimulationError."""
-        checks.up_to(most, self, "noise_density", "bias_sd", "g_sensitivity_sd", "resolution", called=called)
-        checks.vector(self, "bias", most=most, called=called)
-        checks.up_to(most, self.drift, "sd", "walk", called=f"{called}.drift")
-        checks.vector(self.drift, "trend", most=most, called=f"{called}.drift")
+    noise_density: Error = 0.0  # N, u/sqrt(Hz), two-sided.
+    bias: Offsets = (0.0, 0.0, 0.0)  # Turn-on bias, expected (3,) and standard deviation about it per axis, u.
+    bias_sd: Error = 0.0
+    drift: Drift = field(default_factory=Drift)  # Of the bias.
+    scale_sd: Share = 0.0  # Standard deviations of M's elements on and off the diagonal.
+    cross_axis_sd: Share = 0.0
+    g_sensitivity_sd: Error = 0.0  # Standard deviation of G's elements, u per m/s^2.
+    limit: Limit = np.inf  # End of the range, u.
+    resolution: NotNegative = 0.0  # Step of the converter, u; 0 for none.
 
     def draw(self, rng: np.random.Generator) -> Triad:
         """Draw one unit's triad; takes the same number of draws whatever the parameters."""
@@ -183,10 +136,6 @@ class Triad:
     prior: TriadPrior
     matrix: Floats
     g_sensitivity: Floats
-
-    def switch_on(self, rng: np.random.Generator, rate_hz: float) -> TriadRun:
-        """Switch on: draws the turn-on bias, and spawns streams for drift and noise from `rng`."""
-        return TriadRun(self, rng, rate_hz)
 
 
 class TriadRun:
@@ -204,14 +153,7 @@ class TriadRun:
         return np.asarray(self.turn_on_bias + self._drift.at(t))
 
     def measure(self, t: Floats, true: Floats, force: Floats | None = None) -> Floats:
-        """Readings (N, 3) u of the next N samples.
-
-        Parameters
-        ----------
-        t : (N,) s, instants of the samples.
-        true : (N, 3) u, what is to be measured.
-        force : (N, 3) m/s^2, what a gyroscope is sensitive to besides its rate.
-        """
+        """Readings (N, 3) u of the next N samples at `t` (N,) s; gyroscopes feel `force` (N, 3) m/s^2 too."""
         reading = true @ self.triad.matrix.T + self.bias_at(t)
         if force is not None and self.triad.prior.g_sensitivity_sd:
             reading += force @ self.triad.g_sensitivity.T
