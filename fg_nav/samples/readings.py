@@ -207,14 +207,14 @@ def _find_run(t: Floats, x: Floats, before: Ints, i: int) -> tuple[int, int]:
             stretch = max((t[behind[0]] - t[before[-1]]) / ((length + 1) * period), 1.0)
         f = FACTOR * (max(np.sqrt(period / PERIOD_S), 1.0) * stretch**2)
         which = 0
-        if _measure_run(x, before, behind, i, np.int64(0)) > f * (ACC_M_S2 + ACC_SHAKEN * acc):
+        if _measure_run(x, before, behind, i, int(np.int64(0))) > f * (ACC_M_S2 + ACC_SHAKEN * acc):
             which += ACC_OUT
         else:  # a strike is in the forces of the same samples
             run = np.arange(i - 1, min(i + length + 1, len(x)))
             if len(before):
                 run[0] = before[-1]
             acc = max(acc, _measure_shaking(x, run if len(before) else run[1:])[0])
-        if _measure_run(x, before, behind, i, np.int64(3)) > f * (GYR_RAD_S + GYR_SHAKEN * gyr + GYR_STRUCK * acc):
+        if _measure_run(x, before, behind, i, int(np.int64(3))) > f * (GYR_RAD_S + GYR_SHAKEN * gyr + GYR_STRUCK * acc):
             which += GYR_OUT
         if which:
             return length, which
@@ -236,7 +236,7 @@ def _find_period(t: Floats, before: Ints, behind: Ints) -> float:
                 place -= 1
             steps[place] = step
             many += 1
-    return 0.5 * (steps[(many - 1) // 2] + steps[many // 2])
+    return float(0.5 * (steps[(many - 1) // 2] + steps[many // 2]))
 
 
 @njit(cache=True)

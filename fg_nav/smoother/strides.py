@@ -173,7 +173,7 @@ def compound_samples(
     most = sample[-1] - sample[0]
     out = Compound(np.empty((most, 3)), np.empty((most, 3)), np.empty(most), np.zeros(len(sample), np.int64))
     state = NavState(np.empty(3), np.empty(3), np.empty((3, 3)), gyro_bias, acc_bias)
-    turn, work, count = np.empty((3, 3)), np.empty((3, 3)), np.int64(0)
+    turn, work, count = np.empty((3, 3)), np.empty((3, 3)), int(np.int64(0))
     for k in range(len(sample) - 1):
         i = sample[k]
         while i < sample[k + 1]:

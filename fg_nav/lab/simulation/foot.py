@@ -376,7 +376,8 @@ def solve_rises(phases: Sequence[Phase], closing: Phase, at: Sequence[float], va
 
 def _compute_progress(phase: Phase, share: Floats) -> Floats:
     """What a phase has moved by (N,) at shares of the swing (N,)."""
-    return np.asarray(sum(Ramps.of(*(np.array([x]) for x in (b, e - b, w))).at(share)[0] for b, e, w in phase))
+    ramps = [Ramps.of(np.array([b]), np.array([e - b]), np.array([weight])) for b, e, weight in phase]
+    return np.asarray(sum(ramp.at(share)[0] for ramp in ramps))
 
 
 def _draw_shocks(steps: Steps, strength: float, rng: np.random.Generator) -> Mapping[str, Moves]:

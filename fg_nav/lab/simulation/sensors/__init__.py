@@ -113,6 +113,8 @@ def _update_nested(base: Mapping[str, Any], given: Mapping[str, Any]) -> dict[st
     changed = dict(base)
     for key, value in given.items():
         of = asdict(MagnetometerPrior()) if key == "mag" and base.get(key) is None else base.get(key)
-        nested = isinstance(value, Mapping) and isinstance(of, Mapping)
-        changed[key] = _update_nested(of, value) if nested else None if value == "none" else value
+        if isinstance(value, Mapping) and isinstance(of, Mapping):
+            changed[key] = _update_nested(of, value)
+        else:
+            changed[key] = None if value == "none" else value
     return changed
