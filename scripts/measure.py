@@ -8,8 +8,7 @@ Without `--save` figures are printed alone. With it the rows go to the store, `d
 section, each with date, commit and seeds; sections that were not measured anew stay as they were. `write_results.py`
 makes the tables of it. `--store DIR` is another store, for trials.
 
-Parameters were chosen on plateaus seen on the same recordings. `--half seen` takes every other recording of a set, to
-choose on, and `--half kept` those in between, to see what it is worth elsewhere. Seeds from 101 on are reported.
+Parameters were chosen on plateaus seen on the same recordings. Seeds from 101 on are reported.
 """
 
 from __future__ import annotations
@@ -33,10 +32,13 @@ from experiments import (
     Table,
     Task,
     accuracy,
-    attempt_task,
+    attempt,
+    cost,
+    coverage,
     feet,
     magnetic,
     online,
+    peers,
     places,
     pocket,
     sum_up,
@@ -49,7 +51,7 @@ from fg_nav.report.terminal import console
 
 EXPERIMENTS: Mapping[str, Experiment] = {
     name: one
-    for module in (accuracy, verdicts, magnetic, places, feet, pocket, online)
+    for module in (accuracy, coverage, verdicts, magnetic, places, feet, pocket, online, cost, peers)
     for name, one in module.EXPERIMENTS.items()
 }
 ROOT = Path(__file__).resolve().parents[1]
@@ -72,8 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if chosen.per_walk:
         print_walks(table)
     figures = [figure for asked in experiment.asked for figure in asked.judge(table)] + experiment.judge(table)
-    harness.print_figures(figures)
-    harness.print_verdict(figures, chosen.json, rows=table.rows)
+    harness.report_figures(figures, chosen.json, rows=table.rows)
     if chosen.save:
         path = save(chosen.store, name, experiment, table, describe_seeds(chosen))
         console().print(f"stored: {path}", soft_wrap=True)
@@ -87,10 +88,9 @@ def parse(experiment: Experiment, arguments: Sequence[str]) -> Namespace:
         arguments,
         **seeds,
         only=option(None, "sections whose names begin so", nargs="+", metavar="SECTION"),
-        half=option("both", "of the recordings", choices=("both", "seen", "kept")),
         data=None,
         jobs=1,
-        per_walk=False,
+        per_walk=option(False, "figures of each walk too"),
         json=None,
         save=option(False, "keep the rows in the store"),
         store=option(STORE, "the store", type=Path, metavar="DIR"),
@@ -107,21 +107,14 @@ def select_tasks(experiment: Experiment, chosen: Namespace) -> list[Task]:
     ]
     if not tasks:
         raise SimulationError("there is no such section: see the first column of the table without --only.")
-    if chosen.half == "both":
-        return tasks
-    kept, number = [], dict[str, int]()
-    for task in tasks:
-        k = number[task.section] = number.get(task.section, -1) + 1
-        if task.walk.isdigit() or (k % 2 == 0) == (chosen.half == "seen"):
-            kept.append(task)
-    return kept
+    return tasks
 
 
 def run_tasks(tasks: Sequence[Task], jobs: int) -> Table:
     """Measure all walks, in their order."""
-    found = harness.map_walks(attempt_task, tasks, jobs)
     rows: list[Mapping[str, Any]] = []
-    for task, variants in zip(tasks, found, strict=True):
+    for task, found in zip(tasks, harness.map_walks(attempt, [task.measure for task in tasks], jobs), strict=True):
+        variants: Mapping[str, Any] = {"all": found} if FAILURE in found else found  # it could not be read or prepared
         for variant, figures in variants.items():
             rows.append({"section": task.section, "walk": task.walk, "variant": variant, **figures})
     return Table(rows)

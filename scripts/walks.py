@@ -27,9 +27,9 @@ from pathlib import Path
 import numpy as np
 import scipy.io
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Floats
 from fg_nav.detection.stance import Stances
-from fg_nav.errors import FormatError, SimulationError
+from fg_nav.errors import FormatError
 from fg_nav.io import Reading, read_raw
 from fg_nav.lab.pyshoe import read_pyshoe_labels, read_pyshoe_track
 from fg_nav.lab.simulation import SCENARIOS, Choices, routes, simulate
@@ -202,46 +202,3 @@ def simulate_long_walk(minutes: float, seed: int, rate_hz: float = 200.0, field:
     truth, stop = whole.truth, round(60 * minutes * rate_hz)
     assert isinstance(truth, TrajectoryTruth)
     return replace(whole.slice(0, stop), truth=TrajectoryTruth(truth.t[:stop], truth.position[:stop]))
-
-
-STILL_RAD_S = 0.05  # No reading of a foot that stands is faster.
-
-STILL_S = 1.0
-
-
-@dataclass(frozen=True)
-class RepeatedWalk:
-    """A walk that goes on for ever: the samples from `begin` of a recording to its end, again and again.
-
-    Its two ends are instants of two rests in which the foot stood alike, so that no sample leaps there.
-    """
-
-    recording: Recording
-    begin: int
-
-    @classmethod
-    def of(cls, recording: Recording) -> RepeatedWalk:
-        """Cut a recording of `simulate_long_walk`, with a field, at two rests: one in the first minutes, and one late.
-
-        Raises `SimulationError` where it has not two.
-        """
-        length = max(1, round(STILL_S / recording.period_s))
-        assert recording.mag is not None
-        samples = np.column_stack([recording.acc, recording.gyr, recording.mag])
-        seconds = samples[: len(samples) // length * length].reshape(-1, length, samples.shape[1])
-        still = np.flatnonzero(np.abs(seconds[:, :, 3:6]).max(axis=(1, 2)) < STILL_RAD_S)
-        rests = [part for part in np.split(still, np.flatnonzero(np.diff(still) > 1) + 1) if len(part) > 2]
-        middle = np.array([part[len(part) // 2] for part in rests[1:]])
-        if len(middle) < 2:
-            raise SimulationError("the walk has not two rests to be joined at: ask for three minutes or more.")
-        mean = seconds[middle].mean(axis=1)
-        late = np.arange((len(middle) + 1) // 2, len(middle))
-        # In m/s^2 and uT alike: a degree moves gravity by 0.2, and the field by 0.8.
-        apart = np.linalg.norm((mean[late] - mean[0])[:, [0, 1, 2, 6, 7, 8]], axis=1)
-        begin, end = int(middle[0]) * length, int(middle[late[np.argmin(apart)]]) * length
-        return cls(recording.slice(0, end), begin)
-
-    def number(self, index: Ints) -> Ints:
-        """Return which sample (n,) of the recording is sample `index` (n,) of the walk."""
-        end = len(self.recording)
-        return np.where(index < end, index, self.begin + (index - self.begin) % (end - self.begin))

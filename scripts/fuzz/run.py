@@ -90,8 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print_fates(fates)
     sorts = [next((sort for sort in FAULTS if words.startswith(sort)), "other") for f in fates for words in f.faults]
     figures = [Figure("fuzz", s, "all", float(sorts.count(s)), high=0.0, pattern="{:.0f}") for s in FAULTS]
-    harness.print_figures(figures)
-    harness.print_verdict(figures, chosen.json, faults=[describe_fault(fate) for fate in fates if fate.faults])
+    harness.report_figures(figures, chosen.json, faults=[describe_fault(fate) for fate in fates if fate.faults])
 
 
 def open_store(folder: Path, data: Path | None) -> Store:

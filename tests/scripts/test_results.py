@@ -71,15 +71,15 @@ def test_a_block_that_is_not_there_is_named():
 
 def test_the_lines_of_other_pages_name_paper_row_and_three_figures(found, monkeypatch):
     row, other = "end < error & more", "rmse"
-    wanted = [script.Line("ma2018", "M-E1", "", [row]), script.Line("another", "X-E1", "", ["end"])]
-    both = script.Line("ma2018", "M-E1", "both", [row, other])
+    wanted = [("ma2018", "M-E1", "", [row]), ("another", "X-E1", "", ["end"])]
+    both = ("ma2018", "M-E1", "both", [row, other])
     monkeypatch.setattr(script, "HEADLINES", {"a.md": [*wanted, both]})
     monkeypatch.setattr(script, "BESIDE", {"a.md": ("tuned",)})
     assert script.headlines([found], "a.md")[2:] == [
         "| ma2018, M-E1: end < error & more (m) | 0.50 | 0.10 (0.09 to 0.11) | - | 1.00 |",
         "| ma2018, M-E1: both (m) | 0.50 | 0.10 / 0.55 | - / - | 1.00 / 1.00 |",
     ]
-    monkeypatch.setattr(script, "HEADLINES", {"a.md": [script.Line("ma2018", "M-E1", "", ["nowhere"])]})
+    monkeypatch.setattr(script, "HEADLINES", {"a.md": [("ma2018", "M-E1", "", ["nowhere"])]})
     with pytest.raises(OutputError, match="no row 'nowhere' in M-E1"):
         script.headlines([replace(found, seeds=(1,))], "a.md")
 

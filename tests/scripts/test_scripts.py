@@ -40,8 +40,10 @@ def test_what_could_not_be_measured_is_null_in_the_file(tmp_path):
 
 
 def test_in_a_pipe_tables_are_plain_text(capsys):
-    harness.print_figures([harness.Figure("section", "some name", "iez", 0.25, high=0.2)])
-    assert capsys.readouterr().out.splitlines()[-1].split() == ["some", "name", "iez", "<=", "0.200", "0.250", "missed"]
+    harness.report_figures([harness.Figure("section", "some name", "iez", 0.25, high=0.2)])
+    out = capsys.readouterr().out
+    assert out.splitlines()[1].split() == ["some", "name", "iez", "<=", "0.200", "0.250", "missed"]
+    assert "0 of 1 figures are as asked" in out
 
 
 def test_data_folder_is_the_option_then_the_environment(tmp_path, monkeypatch):
