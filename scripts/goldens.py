@@ -158,16 +158,6 @@ def compare_texts(old: str, new: str, is_table: bool) -> Iterator[str]:
             yield f"line {row}, by {apart:.2g}:\n      - {one[:300]}\n      + {other[:300]}"
 
 
-def compare_folders(old: Path, new: Path) -> Iterator[str]:
-    """Yield the files of one golden that differ, with their first differing lines."""
-    files = [{path.relative_to(folder) for path in folder.rglob("*") if path.is_file()} for folder in (old, new)]
-    for name in sorted(files[0] | files[1]):
-        if name not in files[0] & files[1]:
-            yield f"  {name}: {'gone' if name in files[0] else 'new'}"
-        elif lines := list(compare_texts((old / name).read_text(), (new / name).read_text(), name.suffix == ".csv")):
-            yield "\n    ".join([f"  {name}: {len(lines)} lines differ", *lines[:MAX_SHOWN]])
-
-
 def main(arguments: Sequence[str] | None = None) -> None:
     """Keep or compare."""
     chosen = harness.parse_arguments(
@@ -187,12 +177,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     with tempfile.TemporaryDirectory() as place:
         kept = folder / "kept" if chosen.what == "keep" else Path(place)
         harness.map_walks(partial(run_golden, data, made, kept), goldens.items(), chosen.jobs, "goldens")
-        found = {n: list(compare_folders(folder / "kept" / n, kept / n)) for n in goldens if chosen.what == "compare"}
-    for name, differing in found.items():
-        print(*([name, *differing, ""] if differing else []), sep="\n", end="")
-    equal = len(goldens) - sum(bool(differing) for differing in found.values())
+        differing = set[str]()
+        for golden in goldens if chosen.what == "compare" else ():
+            both = folder / "kept" / golden, kept / golden
+            for name in sorted({p.relative_to(f) for f in both for p in f.rglob("*") if p.is_file()}):
+                old, new = ((one / name).read_text() if (one / name).exists() else "" for one in both)
+                if lines := list(compare_texts(old, new, name.suffix == ".csv")):
+                    differing.add(golden)
+                    print(f"{golden}, {name}: {len(lines)} lines differ", *lines[:MAX_SHOWN], sep="\n    ")
+    equal = len(goldens) - len(differing)
     print(f"{len(goldens)} kept in {folder}" if chosen.what == "keep" else f"{equal} of {len(goldens)} goldens equal")
-    sys.exit(0 if equal == len(goldens) else 1)
+    sys.exit(1 if differing else 0)
 
 
 if __name__ == "__main__":

@@ -57,11 +57,6 @@ def gdin_path(data: Path, number: int) -> Path:
     return data / "gdin" / ("own" if number > 29 else "own_obsolete") / f"SensorConnectData_{number}.csv"
 
 
-def gdlbio_path(data: Path, number: int) -> Path:
-    """File of a surveyed walk."""
-    return data / "gdlbio" / f"SensorConnectData_{number}_GDLBIO.mat"
-
-
 NUMBERED: Mapping[str, tuple[str, Sequence[int]]] = {
     GDIN: ("gdin", GDIN_WALKS),
     "running": ("gdin", (35, 43)),
@@ -88,18 +83,20 @@ class Real:
     barometer: Path | None = None
 
     def read_raw(self) -> RawRecording:
-        """Read the samples as they stand in the file, without the magnetometer."""
-        is_table = self.path.parent.name == "mti1_loops"
-        return replace(_read_mti1(self.path) if is_table else read_raw(self.path), mag=None)
+        """Read the samples as they stand in the file, without the magnetometer; those of mti1_loops have no stamps."""
+        if self.path.parent.name != "mti1_loops":
+            return replace(read_raw(self.path), mag=None)
+        rows = np.genfromtxt(self.path, delimiter=",", skip_header=2)  # a header, and a row that is no sample
+        return RawRecording(np.arange(len(rows)) / MTI1_RATE_HZ, rows[:, :3], rows[:, 3:6], np.arange(len(rows)) + 3)
 
     def prepare(self, options: Options | None = None) -> Prepared:
         """Read a walk and find its stances as `fg-nav run --no-mag` does, or by these options."""
-        options = options or Options(use_magnetometer=False)
+        source: Path | Recording = self.path
         if self.path.parent.name == "mti1_loops":
-            return prepare_walk(read_walk(Recording.from_raw(_read_mti1(self.path)), options))
-        if self.barometer is not None:
-            return prepare_walk(read_walk(Reading(barometer=self.barometer).read(self.path), options))
-        return prepare_walk(read_walk(self.path, options))
+            source = Recording.from_raw(self.read_raw())
+        elif self.barometer is not None:
+            source = Reading(barometer=self.barometer).read(self.path)
+        return prepare_walk(read_walk(source, options or Options(use_magnetometer=False)))
 
     def read(self) -> Walk:
         """Read a walk with what is stored with it."""
@@ -149,27 +146,20 @@ def list_set(data: Path, name: str, with_barometer: bool = False) -> list[Real]:
         found = [Real(one, data / path) for one, path in LOOPS.items() if one.startswith(name)]
     elif name in NUMBERED:
         group, numbers = NUMBERED[name]
-        place = gdin_path if group == GDIN else gdlbio_path
-        found = [Real(f"{group} {number}", place(data, number)) for number in numbers]
+        surveyed = "gdlbio/SensorConnectData_{}_GDLBIO.mat"
+        paths = [gdin_path(data, n) if group == GDIN else data / surveyed.format(n) for n in numbers]
+        found = [Real(f"{group} {number}", path) for number, path in zip(numbers, paths, strict=True)]
     else:
         ends = "" if name == "vicon" else ".csv.gz"
         paths = [path for one in FILES[name] for path in sorted(data.glob(one + ends)) if path.name.count(".") <= 2]
-        air = {
-            path: path.with_name(path.name.replace(".csv", ".baro.csv")) if with_barometer else None for path in paths
-        }
-        found = [
-            Real(path.name.partition(".")[0], path, one) for path, one in air.items() if one is None or one.exists()
-        ]
+        found = [Real(path.name.partition(".")[0], path) for path in paths]
+        if with_barometer:
+            beside = [one.path.with_name(one.path.name.replace(".csv", ".baro.csv")) for one in found]
+            found = [replace(one, barometer=air) for one, air in zip(found, beside, strict=True) if air.exists()]
     found = [one for one in found if one.path.exists()]
     if not found:
         raise FormatError(f"there is no recording of the set {name} in {data}: check the folder given with --data.")
     return found
-
-
-def _read_mti1(path: Path) -> RawRecording:
-    """Read a table without stamps, whose first row is no sample."""
-    rows = np.genfromtxt(path, delimiter=",", skip_header=2)
-    return RawRecording(np.arange(len(rows)) / MTI1_RATE_HZ, rows[:, :3], rows[:, 3:6], np.arange(len(rows)) + 3)
 
 
 # --- simulated -------------------------------------------------------------------------------------------------------

@@ -30,31 +30,16 @@ from experiments import Table, peers, sum_up, write_row, write_table
 from measure import EXPERIMENTS, ROOT
 
 from fg_nav.errors import OutputError
-from fg_nav.lab.reproduce.results import (
-    HIGH_PERCENT,
-    LOW_PERCENT,
-    MEANINGS,
-    TOLERANCE,
-    VERDICTS,
-    Experiment,
-    Reproduction,
-    count_verdicts,
-    describe_counts,
-    format_name,
-    format_note,
-    format_printed,
-    format_seeds,
-    format_spread,
-    read_reproduction,
-)
+from fg_nav.lab.reproduce import results
+from fg_nav.lab.reproduce.results import Experiment, Reproduction, format_name, format_printed, format_spread
 from fg_nav.lab.store.files import write_text
 from fg_nav.report.terminal import console
 
 HEAD = f"""# The papers' figures and ours
 
 Written by `scripts/write_results.py`, never by hand, from the files in `docs/results`. All walks are simulated. A
-figure is the median over the walks, with {LOW_PERCENT:.0f} to {HIGH_PERCENT:.0f} % behind it. The column that is \
-judged, by its median,
+figure is the median over the walks, with {results.LOW_PERCENT:.0f} to {results.HIGH_PERCENT:.0f} % behind it. \
+The column that is judged, by its median,
 is in bold: the paper's own method as printed; of munoz-diaz2017, which as printed goes off by tens of degrees, the
 filter with misprints corrected and gravity as a mean over two strides. Ours is without the places that the smoother now
 recognizes: what these change on such walks is in measured.md. Verdicts:
@@ -120,7 +105,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def write_pages(root: Path) -> dict[Path, str]:
     """Text of every page that has results in it."""
-    papers = [read_reproduction(root / FOLDER / f"{name}.json") for name in PAPERS]
+    papers = [results.read_reproduction(root / FOLDER / f"{name}.json") for name in PAPERS]
     blocks = {"papers": headlines(papers, "README.md"), "pocket": headlines(papers, "docs/pocket.md")}
     blocks |= {name: lines for path in sorted((root / FOLDER).glob("*.json")) for name, lines in write_blocks(path)}
     pages = [root / "README.md", *sorted((root / "docs").glob("*.md"))]
@@ -183,13 +168,16 @@ def fill_marks(text: str, blocks: Mapping[str, Sequence[str]]) -> str:
 
 def document(found: Sequence[Reproduction]) -> str:
     """Return the page."""
-    lines = [HEAD, *(f"* {verdict}: {meaning}" for verdict, meaning in MEANINGS.items()), ""]
-    lines += [f"The tolerance is {100 * TOLERANCE:.0f} % unless a row has its own.", ""]
-    lines += ["| paper | seeds | " + " | ".join(VERDICTS) + " |", "|---|---|" + "---|" * len(VERDICTS)]
-    lines += [write_row([one.paper, format_seeds(one), *map(str, count_verdicts(one).values())]) for one in found]
+    lines = [HEAD, *(f"* {verdict}: {meaning}" for verdict, meaning in results.MEANINGS.items()), ""]
+    lines += [f"The tolerance is {100 * results.TOLERANCE:.0f} % unless a row has its own.", ""]
+    lines += ["| paper | seeds | " + " | ".join(results.VERDICTS) + " |", "|---|---|" + "---|" * len(results.VERDICTS)]
+    lines += [
+        write_row([one.paper, results.format_seeds(one), *map(str, results.count_verdicts(one).values())])
+        for one in found
+    ]
     for one in found:
         lines += ["", f"## {one.paper}", "", one.citation, ""]
-        lines += [f"`{one.command}`, seeds {format_seeds(one)}. {describe_counts(one)}", ""]
+        lines += [f"`{one.command}`, seeds {results.format_seeds(one)}. {results.describe_counts(one)}", ""]
         lines += ["With " + ", ".join(f"{name} {number}" for name, number in one.versions.items()) + "."]
         for experiment in one.experiments:
             lines += ["", f"### {experiment.name}: {experiment.title}", "", experiment.setting, ""]
@@ -206,7 +194,7 @@ def write_experiment(experiment: Experiment, walks: int) -> Iterator[str]:
         figures = {column: format_spread(row, column, walks) for column in experiment.columns}
         if row.verdict and row.judged in figures:
             figures[row.judged] = f"**{figures[row.judged]}**"
-        words = [f"**{row.verdict}**" if row.verdict else "", format_note(row)]
+        words = [f"**{row.verdict}**" if row.verdict else "", results.format_note(row)]
         yield write_row([format_name(row), format_printed(row), *figures.values(), ": ".join(filter(None, words))])
 
 

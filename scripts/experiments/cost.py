@@ -161,7 +161,7 @@ def measure_footfalls(minutes: float, rate_hz: float, lag_s: float | None) -> Fo
     for name, some in parts.items():
         found[name] = {f"p{q}": float(np.percentile(ms[some], q)) for q in (50, 99, 100)} | {"memory": mb[some][-1]}
     if lag_s is not None:
-        late, early = (np.percentile(some, 99) for some in (ms[-EVERY:], ms[EARLY]))
+        late, early = np.percentile(ms[-EVERY:], 99), np.percentile(ms[EARLY], 99)
         found["all"] |= {"late / early": float(late / early), "growth": mb[-1] / mb[len(mb) // 2]}
     return found
 

@@ -332,5 +332,5 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         first=401,  # of ways that no estimator was tuned on
         options={"length": option(700.0, "of the simulated ways, m", metavar="M")},
         blocks={"coverage": write_coverage},
-    ),
+    )
 }

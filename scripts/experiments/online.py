@@ -177,5 +177,5 @@ EXPERIMENTS: Mapping[str, Experiment] = {
             ),
         ],
         seeds=20,
-    ),
+    )
 }

@@ -188,5 +188,5 @@ EXPERIMENTS: Mapping[str, Experiment] = {
             "repeats": option(3, "how often all is run", metavar="N"),
         },
         blocks={"peers": write_peers},
-    ),
+    )
 }

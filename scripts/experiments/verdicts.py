@@ -205,5 +205,5 @@ EXPERIMENTS: Mapping[str, Experiment] = {
             "methods": option(["smoother"], "methods", nargs="+", metavar="NAME"),
         },
         judge=judge_verdicts,
-    ),
+    )
 }

@@ -44,16 +44,7 @@ from fg_nav.online import follow
 from fg_nav.report.terminal import progress
 from fg_nav.verdict import UNUSABLE
 
-FAULTS = (
-    "crash",
-    "hang",
-    "exception",
-    "warning",
-    "not finite",
-    "sigma",
-    "absurd",
-    "other",
-)  # none is asked
+FAULTS = ("crash", "hang", "exception", "warning", "not finite", "sigma", "absurd", "other")  # none is asked
 LIMIT_S = 180.0  # on the wall, of an input
 MEMORY_BYTES = 8 << 30  # of address space that a case may take
 
