@@ -17,6 +17,7 @@ from itertools import pairwise
 from pathlib import Path
 from subprocess import DEVNULL, Popen
 from time import perf_counter, sleep
+from typing import Any
 
 import gtsam
 import numpy as np
@@ -156,7 +157,8 @@ def measure_footfalls(minutes: float, rate_hz: float, lag_s: float | None) -> Fo
     solver.close()
     if len(ms) <= EARLY.start:
         raise SimulationError(f"{len(ms)} footfalls are too few for a trend: ask for 12 minutes or more.")
-    parts = {f"{k} to {k + EVERY}": slice(k, k + EVERY) for k in range(0, len(ms), EVERY)} | {"all": slice(None)}
+    parts: dict[str, Any] = {f"{k} to {k + EVERY}": slice(k, k + EVERY) for k in range(0, len(ms), EVERY)}
+    parts["all"] = slice(None)
     found: dict[str, dict[str, float]] = {}
     for name, some in parts.items():
         found[name] = {f"p{q}": float(np.percentile(ms[some], q)) for q in (50, 99, 100)} | {"memory": mb[some][-1]}
