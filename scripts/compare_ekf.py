@@ -24,18 +24,17 @@ paper prints stands below its method. Pictures of a walk: `fg-nav compare RECORD
 from __future__ import annotations
 
 import argparse
-import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import harness
 import numpy as np
 import walks
-from harness import FIRST_SEED, format_number, option, spread
+from experiments import FAILURE, Column, Table
+from harness import FIRST_SEED, option
 
-from fg_nav.arrays import Floats
 from fg_nav.errors import SimulationError
 from fg_nav.lab.campaign.execute import find_simulated, make, recorded_keys, run_here, settings_of, simulated_keys
 from fg_nav.lab.campaign.methods import method_of
@@ -74,20 +73,22 @@ PRINTED: Mapping[tuple[str, str], tuple[str, Mapping[str, str]]] = {
 }
 """What a paper prints of a method: its words, and figures by the columns' names."""
 
-Case = Mapping[str, Sequence[Result]]
-"""Results by method, of one group, field and magnetometer."""
+LANDMARKS, MERIT = "landmarks (m)", "merit"
+ERRORS = {"end (m)": "end_m", "TTD (%)": "end_percent", "heading (deg)": "heading_deg", "rmse (m)": "rmse_m",
+          "most (m)": "max_m", "height (m)": "end_height_m"}  # fmt: skip
+COLUMNS = (
+    *(Column(head, head, pattern="") for head in ERRORS if head != "height (m)"),
+    Column(LANDMARKS, LANDMARKS, pattern=""),
+    *(Column(MERIT, f"over {method}", pattern="", over=method) for method in ("iez", "ma2018", "inertial")),
+    *(Column(head, head, pattern="") for head in ("height (m)", "sigmas", "field used (%)", "us a sample")),
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Make what is missing, and print."""
     chosen = parse(arguments)
     results = make_results(chosen)
-    cases: dict[str, dict[str, list[Result]]] = {}
-    for result in results:
-        name = f"{result.key.group}, {result.key.field}, magnetometer {result.key.magnetometer}"
-        cases.setdefault(name, {}).setdefault(result.key.method, []).append(result)
-    for name, case in cases.items():
-        print_case(name, case)
+    print_cases(results)
     print_remarks(results)
     console().print(f"\nresults: {chosen.out}", soft_wrap=True)
 
@@ -146,99 +147,49 @@ def make_results(chosen: argparse.Namespace) -> list[Result]:
     return [one for one in found if one is not None]
 
 
-# --- figures of a walk -----------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Column:
-    """A figure of a result, None where it has none; `over` another method's on the same walk."""
-
-    head: str
-    value: Callable[[Result], float | None]
-    over: str = ""
-
-
-def error_of(name: str) -> Callable[[Result], float | None]:
-    """Size of an error as started; of a real walk by the best yaw, or of its closure."""
-
-    def find(result: Result) -> float | None:
-        return next(
-            (walk_error(result, name, mode) for mode in (AS_STARTED, BEST_YAW, CLOSURE) if mode in result.errors), None
-        )
-
-    return find
-
-
-def landmarks_or_rmse(result: Result) -> float | None:
-    """Mean error at the landmarks where there are any, else the rmse, else that of the end."""
-    at = at_landmarks(result, mean)
-    found = (at, error_of("rmse_m")(result), error_of("end_m")(result))
-    return next((value for value in found if value is not None), None)
-
-
-def over_sigma(result: Result) -> float | None:
-    """Rms of the errors over the ground over their claimed sigmas."""
-    z = result.whitened.get("horizontal")
-    return None if z is None else float(np.sqrt(np.mean(np.square(np.asarray(z, dtype=np.float64)))))
-
-
-COLUMNS = (
-    Column("end (m)", error_of("end_m")),
-    Column("TTD (%)", error_of("end_percent")),
-    Column("heading (deg)", error_of("heading_deg")),
-    Column("rmse (m)", error_of("rmse_m")),
-    Column("most (m)", error_of("max_m")),
-    Column("landmarks (m)", partial(at_landmarks, of=mean)),
-    Column("over iez", landmarks_or_rmse, "iez"),
-    Column("over ma2018", landmarks_or_rmse, "ma2018"),
-    Column("over inertial", landmarks_or_rmse, "inertial"),
-    Column("height (m)", error_of("end_height_m")),
-    Column("sigmas", over_sigma),
-    Column("field used (%)", used_percent),
-    Column("us a sample", lambda result: result.us_per_sample),
-)
-
-
-def values_of(column: Column, results: Sequence[Result], case: Case) -> Floats:
-    """Figures (W,) of the walks that have one, infinite where the method failed; none where it never has one."""
-    if column.over and (column.over not in case or results is case[column.over]):
-        return np.zeros(0)
-    theirs = {one.key.walk: one for one in case.get(column.over, ())}
-    found, failures = [], 0
-    for one in results:
-        if one.failed:
-            failures += 1
-            continue
-        ours, other = column.value(one), theirs.get(one.key.walk)
-        below = 1.0 if not column.over else None if other is None or other.failed else column.value(other)
-        if ours is not None and below:
-            found.append(ours / below)
-    return np.array(found + [math.inf] * (failures if found or failures == len(results) else 0), dtype=np.float64)
-
-
 # --- tables ----------------------------------------------------------------------------------------------------------
 
 
-def print_case(name: str, case: Case) -> None:
-    """Print the figures of a case, in as many tables as the terminal's width asks for."""
-    count = max(len(results) for results in case.values())
-    harness.print_heading(f"{name}: {format_count(count, 'walk')}, median (5 % to 95 %)")
-    group = next(iter(case.values()))[0].key.group
-    names, columns = list[str](), dict[str, list[str]]()
-    for method in case:
-        names.append(method)
-        words, printed = PRINTED.get((group, method_of(method).name), ("", {}))
-        names += [f"  {words}"] if printed else []
-        for column in COLUMNS:
-            values = values_of(column, case[method], case)
-            cells = columns.setdefault(column.head, [])
-            cells.append(spread(values))
-            cells += [printed.get(column.head, "")] if printed else []
-    columns = {head: cells for head, cells in columns.items() if any(cell not in ("-", "") for cell in cells)}
-    for heads in fit_columns(names, columns, console().width):
-        rows = [[name, *(columns[head][k] for head in heads)] for k, name in enumerate(names)]
-        harness.print_table(("method", *heads), rows)
-        print()
+def figures_of(result: Result) -> dict[str, float | str]:
+    """Figures of a walk that it has, by the heads of their columns; or why it failed."""
+    if result.failed:
+        return {FAILURE: result.failed}
+    z = result.whitened.get("horizontal")
+    # as started; of a real walk by the best yaw, or of its closure
+    mode = next((mode for mode in (AS_STARTED, BEST_YAW, CLOSURE) if mode in result.errors), "")
+    found = {head: walk_error(result, name, mode) if mode else None for head, name in ERRORS.items()}
+    found |= {LANDMARKS: at_landmarks(result, mean), "field used (%)": used_percent(result)}
+    found |= {"us a sample": result.us_per_sample}
+    found |= {} if z is None else {"sigmas": float(np.sqrt(np.mean(np.square(np.asarray(z, dtype=np.float64)))))}
+    merit = (found[LANDMARKS], found["rmse (m)"], found["end (m)"])
+    found[MERIT] = next((value for value in merit if value is not None), None)
+    return {head: value for head, value in found.items() if value is not None}
+
+
+def print_cases(results: Sequence[Result]) -> None:
+    """Print the figures of each group, field and magnetometer, in as many tables as the terminal's width asks for."""
+    rows, groups = list[dict[str, Any]](), dict[str, str]()
+    for result in results:
+        case = f"{result.key.group}, {result.key.field}, magnetometer {result.key.magnetometer}"
+        groups[case] = result.key.group
+        rows.append({"section": case, "walk": result.key.walk, "variant": result.key.method, **figures_of(result)})
+    table = Table(rows)
+    for case, group in groups.items():
+        methods, names, columns = table.variants(case), list[str](), dict[str, list[str]]()
+        count = max(len(table.of(case, method)) for method in methods)
+        harness.print_heading(f"{case}: {format_count(count, 'walk')}, median (5 % to 95 %)")
+        for method in methods:
+            words, printed = PRINTED.get((group, method_of(method).name), ("", {}))
+            names += [method, *([f"  {words}"] if printed else [])]
+            for column in COLUMNS:
+                shown = column.over != method and (not column.over or column.over in methods)
+                cells = columns.setdefault(column.head, [])
+                cells += [column.write(table, case, method) if shown else ""]
+                cells += [printed.get(column.head, "")] if printed else []
+        columns = {head: [cell or "-" for cell in cells] for head, cells in columns.items() if any(cells)}
+        for heads in fit_columns(names, columns, console().width):
+            harness.print_table(("method", *heads), zip(names, *(columns[head] for head in heads), strict=True))
+            print()
 
 
 def fit_columns(names: Sequence[str], columns: Mapping[str, Sequence[str]], width: int) -> list[list[str]]:
@@ -260,7 +211,7 @@ def print_remarks(results: Sequence[Result]) -> None:
     for one in failed[:10]:
         console().print(f"failed: {one.key.group}, {one.key.walk}, {one.key.method}: {one.failed}", soft_wrap=True)
     if len(failed) > 10:
-        console().print(f"and {format_number(len(failed) - 10, '{:.0f}')} more failed")
+        console().print(f"and {len(failed) - 10} more failed")
     old = [result for result in results if result.code != code_sum()]
     if old:
         methods = ", ".join(dict.fromkeys(result.key.method for result in old))

@@ -7,7 +7,7 @@ files of their results. `compare` runs them again and names each line that diffe
 `--only` the commands whose names contain one of the words.
 
 Compared are words, byte for byte, and numbers, to `TOLERANCE` and one unit of their last printed digit; left out are
-times of computing, the folder's name, pictures, and pages but the text of two.
+times of computing, the folder's name, pictures and pages.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import zip_longest
@@ -31,12 +30,11 @@ from fuzz.cases import call
 from harness import option
 
 TOLERANCE = 2e-9  # m, rad and everything else, and relative: results are printed with nine digits
-KEPT = {".json", ".csv", ".tum", ".jsonl", ".geojson", ".kml", ".npy"}
+KEPT = {".json", ".csv", ".tum", ".jsonl", ".geojson", ".kml"}
 TIMED = re.compile(
     r"runtime|real.?time|busy|latenc|processor|created|generated|_ms\"|fg-nav \d|no sample has come|came again"
 )
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-PAGES = {"compare-gdin", "run-lap"}  # whose report.html is kept too
 MAX_SHOWN = 3  # differing lines of a file
 
 MADE = """
@@ -50,7 +48,6 @@ run DATA/mems_foot/lap_360m_1.csv.gz --save-places places.npz --plots none --out
 RUNS = """
 run-demo: demo
 run-office: run MADE/office/recording.csv --truth MADE/office/truth.tum
-run-lap: run DATA/mems_foot/lap_360m_1.csv.gz --plots html
 run-square-barometer: run DATA/mems_foot/square_70m_1.csv.gz --barometer DATA/mems_foot/square_70m_1.baro.csv.gz
 run-gdin: run DATA/gdin/own/SensorConnectData_33.csv
 run-gdin-no-mag: run DATA/gdin/own/SensorConnectData_40.csv --no-mag
@@ -58,7 +55,6 @@ run-gdlbio: run DATA/gdlbio/SensorConnectData_60_GDLBIO.mat
 run-vicon: run DATA/vicon/2017-11-22-11-26-05.mat DATA/vicon/2017-11-27-11-14-52.mat
 run-stairs-fixes: run DATA/mtig710/2022_1_14_stair_walk_up_foot1.csv.gz --fixes MADE/fixes.csv
 run-gnss: run DATA/pocket_gnss/pocket_pace_01_004.zip --mount pocket --gnss own
-run-saves-places: run MADE/office/recording.csv --heading 0 --save-places places.npz
 run-on-places: run DATA/mems_foot/lap_360m_2.csv.gz --places MADE/places.npz
 run-online: run MADE/short.csv --method online --polish
 run-feet-simulated: run MADE/both/left.csv MADE/both/right.csv --mount feet
@@ -77,29 +73,24 @@ stream-square: stream MADE/square.csv
 stream-feet: stream MADE/short_left.csv MADE/short_right.csv --mount feet
 stream-pocket: stream MADE/pocket/recording.csv --mount pocket
 stream-damaged: stream MADE/damaged.csv
-stream-killed: stream MADE/short.csv --record record.csv --resume
 """
 FILTERS = ("iez", "qsf", "qsf-stance", "iqsf", "ma2018", "aiez", "matched")
 PRESETS = ("tuned", "physical", "as-printed")
 WRONG = ("--method nobody", "--gate nobody", "--heading nan", "--set smoother.nothing=1", "--mount hat", "--rate 0")
 
 
-def list_goldens(data: Path, made: Path) -> dict[str, str]:
+def list_goldens(data: Path) -> dict[str, str]:
     """List commands by name; `DATA/`, `CASES/` and `MADE/` stand for the folders of recordings."""
     runs = dict(line.split(": ", 1) for line in RUNS.strip().splitlines())
     for method in FILTERS:
-        presets = {f"filter-{method}-{preset}": f"{method} --preset {preset}" for preset in PRESETS}
-        for name, words in {**presets, f"filter-{method}-rts": f"{method}-rts"}.items():
-            runs[name] = f"run MADE/short.csv --method {words}"
+        for words in (f"{method}-rts", *(f"{method} --preset {preset}" for preset in PRESETS)):
+            runs[f"filter-{words.replace(' --preset ', '-')}"] = f"run MADE/short.csv --method {words}"
     for name, words in runs.items():
-        if words.startswith(("run", "stream")):
-            ends = " --silence 0.3" if words.startswith("stream") else ""
-            runs[name] = f"{words}{ends} --out out" + ("" if "--plots" in words else " --plots none")
-        elif words.startswith(("demo", "compare", "detect")):
-            runs[name] = f"{words} --out out"
+        ends = " --silence 0.3" if words.startswith("stream") else ""
+        ends += " --plots none" if words.startswith(("run", "stream")) else ""
+        ends += "" if words.startswith(("inspect", "calibrate")) else " --out out"
+        runs[name] = words + ends
     runs |= {f"refused-{words.replace(' ', '')}": f"run MADE/short.csv {words}" for words in WRONG}
-    for path in sorted((made / "refused").iterdir()):
-        runs[f"refused-{path.name}"] = f"run MADE/refused/{path.name}"
     for folder, word in ((data / "formats", "DATA/formats"), (data.parent / "cases", "CASES")):
         for file in sorted(path for path in folder.glob("*/**/*") if path.is_file() and path.name != "README.txt"):
             name = file.relative_to(folder).as_posix()
@@ -108,78 +99,38 @@ def list_goldens(data: Path, made: Path) -> dict[str, str]:
 
 
 def make_inputs(data: Path, made: Path) -> None:
-    """Write the simulated walks, a fix, tables that a stream goes on through, and tables that cannot be navigated."""
+    """Write the simulated walks, a fix, and tables that a stream goes on through."""
+    made.mkdir(parents=True)
     for command in MADE.strip().splitlines():
         code, _, err = call([*command.replace("DATA", str(data)).split(), "--quiet"], made)
         assert code == 0, f"`fg-nav {command}` failed: {err}"
-    short = (made / "demo" / "recording.csv").read_text().splitlines(keepends=True)[:9001]
-    for side in ("left", "right"):
-        rows = (made / "both" / f"{side}.csv").read_text().splitlines(keepends=True)
-        (made / f"short_{side}.csv").write_text("".join(rows[:8001]))
-    last = np.loadtxt(data / "mtig710/2022_1_14_stair_walk_up_foot1.csv.gz", delimiter=",", skiprows=1, usecols=0)[-1]
+    shortened = (("", "demo/recording", 9001), ("_left", "both/left", 8001), ("_right", "both/right", 8001))
+    for name, source, rows in shortened:
+        lines = (made / f"{source}.csv").read_text().splitlines(keepends=True)[:rows]
+        (made / f"short{name}.csv").write_text("".join(lines))
+    short = (made / "short.csv").read_text().splitlines(keepends=True)
     damaged = short[:2000] + short[2600:4000] + short[4100:4000:-1] + short[4100:5000] * 2
-    table = np.genfromtxt(short[1:], delimiter=",")
-
-    def change(columns: Sequence[int], factor: float) -> str:
-        rows = table.copy()
-        rows[:, columns] *= factor
-        return short[0] + "".join(",".join(f"{x:.9g}" for x in row).replace("nan", "") + "\n" for row in rows)
-
-    texts = {
-        "short.csv": "".join(short),
-        "fixes.csv": f"time_s,x_m,y_m,z_m,sigma_m\n{last - 1.0:.3f},2.0,-3.0,8.0,0.3\n",
-        "damaged.csv": "".join([*damaged, "1,2,3\n", "noise\n", *short[5000:]]),
-        "refused/empty.csv": "",
-        "refused/header_only.csv": short[0],
-        "refused/no_header.csv": "".join(short[1:]),
-        "refused/ten_rows.csv": "".join(short[:11]),
-        "refused/backwards.csv": short[0] + "".join(short[:0:-1]),
-        "refused/same_stamp.csv": change([0], 0.0),
-        "refused/in_g.csv": change([1, 2, 3], 1 / 9.81),
-        "refused/in_degrees.csv": change([4, 5, 6], 180 / np.pi),
-        "refused/no_gravity.csv": change([3], 0.02),
-        "refused/milliseconds.csv": change([0], 1000.0),
-        "refused/in_tesla.csv": change([7, 8, 9], 1e-6),
-        "refused/cut_row.csv": "".join(short)[:-30],
-        "refused/words.csv": "".join([*short[:500], "a,b,c,d,e,f,g,h,i,j\n", *short[500:]]),
-        "refused/two_headers.csv": "".join([*short[:500], short[0], *short[500:]]),
-        "refused/lies_still.csv": short[0] + "".join(f"{k / 100},0,0,9.81,0,0,0,20,0,-40\n" for k in range(3000)),
-    }
-    (made / "refused").mkdir()
-    for name, text in texts.items():
-        (made / name).write_text(text)
-    (made / "refused" / "noise.bin").write_bytes(np.random.default_rng(1).bytes(4000))
+    (made / "damaged.csv").write_text("".join([*damaged, "1,2,3\n", "noise\n", *short[5000:]]))
+    last = np.loadtxt(data / "mtig710/2022_1_14_stair_walk_up_foot1.csv.gz", delimiter=",", skiprows=1, usecols=0)[-1]
+    (made / "fixes.csv").write_text(f"time_s,x_m,y_m,z_m,sigma_m\n{last - 1.0:.3f},2.0,-3.0,8.0,0.3\n")
 
 
 def run_golden(data: Path, made: Path, folder: Path, golden: tuple[str, str]) -> None:
     """Run one command in an empty folder, a stream in a process of its own; keep what it leaves, without folders."""
-    (name, command), kept = golden, folder / golden[0]
+    command, kept = golden[1], folder / golden[0]
     places = {"DATA": str(data), "CASES": str(data.parent / "cases"), "MADE": str(made)}
     words = [re.sub(r"^(DATA|CASES|MADE)(?=/)", lambda m: places[m[0]], word) for word in shlex.split(command)]
     with tempfile.TemporaryDirectory() as place:
-        here = Path(place)
-        stream = [sys.executable, "-m", "fg_nav.cli", *words]
-        if name == "stream-killed":  # half of the rows, and killed amid them, first
-            rows = Path(words[1]).read_bytes().splitlines(keepends=True)
-            pipe = {"stdin": subprocess.PIPE, "stdout": subprocess.DEVNULL, "cwd": here}
-            process = subprocess.Popen([*stream[:4], "-", *stream[5:]], **pipe)  # type: ignore[call-overload]
-            process.stdin.writelines(rows[: len(rows) // 2])
-            process.stdin.flush()
-            time.sleep(8.0)
-            process.kill()
-            process.wait()
         if words[0] == "stream":
-            ran = subprocess.run(stream, cwd=here, capture_output=True, text=True, check=False)
-            code, out, err = ran.returncode, ran.stdout, ran.stderr
+            line = [sys.executable, "-m", "fg_nav.cli", *words]
+            done = subprocess.run(line, cwd=place, capture_output=True, text=True, check=False)
+            answer = done.returncode, done.stdout, done.stderr
         else:
-            code, out, err = call(words, here)
-        texts = {"exit": f"{code}\n", "stdout": out, "stderr": err}
-        if name == "stream-killed":  # lines before the kill depend on when it came
-            for of in ("stdout", "stderr"):
-                texts[of] = "\n".join(line for line in texts[of].splitlines() if '"smoothed"' in line)
-        for path in sorted(here.rglob("*")):
-            if path.suffix in KEPT or (path.suffix == ".html" and name in PAGES):
-                texts[path.relative_to(here).as_posix()] = path.read_text(encoding="utf-8")
+            answer = call(words, Path(place))
+        texts = dict(zip(("code", "stdout", "stderr"), map(str, answer), strict=True))
+        for path in sorted(Path(place).rglob("*")):
+            if path.suffix in KEPT:
+                texts[path.relative_to(place).as_posix()] = path.read_text(encoding="utf-8")
     shutil.rmtree(kept, ignore_errors=True)
     for file, text in texts.items():
         for word, where in {"HERE": place, **places}.items():
@@ -207,16 +158,6 @@ def compare_texts(old: str, new: str, is_table: bool) -> Iterator[str]:
             yield f"line {row}, by {apart:.2g}:\n      - {one[:300]}\n      + {other[:300]}"
 
 
-def compare_folders(old: Path, new: Path) -> Iterator[str]:
-    """Yield the files of one golden that differ, with their first differing lines."""
-    files = [{path.relative_to(folder) for path in folder.rglob("*") if path.is_file()} for folder in (old, new)]
-    for name in sorted(files[0] | files[1]):
-        if name not in files[0] & files[1]:
-            yield f"  {name}: {'gone' if name in files[0] else 'new'}"
-        elif lines := list(compare_texts((old / name).read_text(), (new / name).read_text(), name.suffix == ".csv")):
-            yield "\n    ".join([f"  {name}: {len(lines)} lines differ", *lines[:MAX_SHOWN]])
-
-
 def main(arguments: Sequence[str] | None = None) -> None:
     """Keep or compare."""
     chosen = harness.parse_arguments(
@@ -231,18 +172,22 @@ def main(arguments: Sequence[str] | None = None) -> None:
     data, folder = walks.data_folder(chosen.data).resolve(), chosen.folder.resolve()
     made = folder / "made"
     if chosen.what == "keep" and not made.exists():
-        made.mkdir(parents=True)
         make_inputs(data, made)
-    goldens = {n: c for n, c in list_goldens(data, made).items() if not chosen.only or any(w in n for w in chosen.only)}
+    goldens = {n: c for n, c in list_goldens(data).items() if not chosen.only or any(w in n for w in chosen.only)}
     with tempfile.TemporaryDirectory() as place:
         kept = folder / "kept" if chosen.what == "keep" else Path(place)
         harness.map_walks(partial(run_golden, data, made, kept), goldens.items(), chosen.jobs, "goldens")
-        found = {n: list(compare_folders(folder / "kept" / n, kept / n)) for n in goldens if chosen.what == "compare"}
-    for name, differing in found.items():
-        print(*([name, *differing, ""] if differing else []), sep="\n", end="")
-    equal = len(goldens) - sum(bool(differing) for differing in found.values())
+        differing = set[str]()
+        for golden in goldens if chosen.what == "compare" else ():
+            both = folder / "kept" / golden, kept / golden
+            for name in sorted({p.relative_to(f) for f in both for p in f.rglob("*") if p.is_file()}):
+                old, new = ((one / name).read_text() if (one / name).exists() else "" for one in both)
+                if lines := list(compare_texts(old, new, name.suffix == ".csv")):
+                    differing.add(golden)
+                    print(f"{golden}, {name}: {len(lines)} lines differ", *lines[:MAX_SHOWN], sep="\n    ")
+    equal = len(goldens) - len(differing)
     print(f"{len(goldens)} kept in {folder}" if chosen.what == "keep" else f"{equal} of {len(goldens)} goldens equal")
-    sys.exit(0 if equal == len(goldens) else 1)
+    sys.exit(1 if differing else 0)
 
 
 if __name__ == "__main__":

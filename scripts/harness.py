@@ -14,14 +14,13 @@ import json
 import math
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from time import perf_counter, process_time
+from time import process_time
 from typing import Any, NoReturn, TypeVar
 
 import numpy as np
-from matplotlib.figure import Figure as Picture
 from numpy.typing import ArrayLike
 from rich import box
 from rich.table import Table
@@ -29,7 +28,6 @@ from rich.text import Text
 
 from fg_nav.errors import FgNavError, OutputError, SimulationError
 from fg_nav.lab.processes import run_tasks
-from fg_nav.report.plots import style
 from fg_nav.report.terminal import console, progress
 
 FIRST_SEED = 101  # Of walks that are reported: estimators were tuned on seeds below 100.
@@ -44,16 +42,12 @@ COMMON: Mapping[str, dict[str, Any]] = {
     "first": {"type": int, "metavar": "SEED", "help": "the first seed"},
     "seed": {"type": int, "metavar": "N", "help": "draws the walk"},
     "jobs": {"type": int, "metavar": "N", "help": "processes"},
-    "repeats": {"type": int, "metavar": "N", "help": "how often all is run"},
     "data": {"type": Path, "metavar": "DIR", "help": "folder of the real recordings ($FG_NAV_DATA)"},
-    "out": {"type": Path, "metavar": "DIR", "help": "folder of results and pictures"},
     "json": {"type": Path, "metavar": "FILE", "help": "write the figures to this file"},
     "figure": {"type": Path, "metavar": "FILE", "help": "draw into this file"},
     "methods": {"nargs": "+", "metavar": "NAME", "help": "methods"},
     "scenarios": {"nargs": "*", "metavar": "NAME", "help": "simulated walks"},
     "fields": {"nargs": "+", "metavar": "LEVEL", "help": "levels of the magnetic field"},
-    "walks": {"nargs": "+", "metavar": "NAME", "help": "these real walks only, such as 'gdin 31'"},
-    "per_walk": {"action": "store_true", "help": "figures of each walk too"},
 }
 """Options that several scripts have."""
 
@@ -85,27 +79,19 @@ def parse_arguments(doc: str | None, arguments: Sequence[str] | None, **options:
     arguments : words of the command line; those of the process if None.
     options : name -> default of one of `COMMON`, or -> an `Option`.
 
-    Raises
-    ------
-    SimulationError
-        Where fewer than one walk or repeat is asked for.
+    Raises `SimulationError` where fewer than no walk is asked for.
     """
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     for name, given in options.items():
-        one = given if isinstance(given, Option) else Option(given, **_common(name))
+        one = given if isinstance(given, Option) else option(given, **COMMON[name])
         shown = "" if one.default in (None, False) or one.more.get("nargs") else f" ({one.default})"
         more = {key: value for key, value in one.more.items() if key != "positional"}
         flag = name if "positional" in one.more else "--" + name.replace("_", "-")
         parser.add_argument(flag, default=one.default, help=f"{one.help}{shown}".replace("%", "%%"), **more)
     chosen = parser.parse_args(arguments)
-    if getattr(chosen, "repeats", 1) < 1 or getattr(chosen, "seeds", 0) < 0:
-        raise SimulationError("that few walks or repeats show nothing: ask for one or more.")
+    if getattr(chosen, "seeds", 0) < 0:
+        raise SimulationError("that few walks show nothing: ask for one or more.")
     return chosen
-
-
-def _common(name: str) -> dict[str, Any]:
-    known = dict(COMMON[name])
-    return {"help": known.pop("help"), "more": known}
 
 
 def seeds_of(chosen: argparse.Namespace) -> range:
@@ -127,33 +113,12 @@ def map_walks(function: Callable[[S], T], walks: Iterable[S], jobs: int = 1, tit
     return [found[number] for number in range(len(tasks))]
 
 
-@dataclass(frozen=True)
-class Time:
-    """Seconds on the wall and of the processor."""
-
-    wall: float
-    cpu: float
-
-    def __add__(self, other: Time) -> Time:
-        return Time(self.wall + other.wall, self.cpu + other.cpu)
-
-
-def measure_time(call: Callable[[], T]) -> tuple[Time, T]:
-    """Return the seconds that a call takes, and its result."""
+def measure_cpu(call: Callable[[], T]) -> tuple[float, T]:
+    """Return the processor time of a call, s, and its result."""
     gc.collect()
-    wall, cpu = perf_counter(), process_time()
+    began = process_time()
     result = call()
-    return Time(perf_counter() - wall, process_time() - cpu), result
-
-
-def repeat_measurement(measure: Callable[[S], T], walks: Mapping[str, S], repeats: int) -> list[dict[str, T]]:
-    """Measure all walks that many times, one after the other in each repeat; a progress bar shows how far it is."""
-    measured: list[dict[str, T]] = []
-    with progress("benchmark") as report:
-        for k in range(repeats):
-            report(k / repeats)
-            measured.append({name: measure(walk) for name, walk in walks.items()})
-    return measured
+    return process_time() - began, result
 
 
 # --- words -----------------------------------------------------------------------------------------------------------
@@ -232,15 +197,8 @@ class Figure:
 
     def as_dict(self) -> dict[str, object]:
         """Ready for JSON; an infinite number is null there."""
-        return {
-            "section": self.section,
-            "name": self.name,
-            "method": self.method,
-            "measured": finite(self.measured),
-            "low": finite(self.low),
-            "high": finite(self.high),
-            "mark": self.mark,
-        }
+        found = {name: finite(value) for name, value in asdict(self).items() if name != "pattern"}
+        return {**found, "mark": self.mark}
 
 
 def finite(value: object) -> object:
@@ -248,14 +206,10 @@ def finite(value: object) -> object:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def print_figures(figures: Sequence[Figure]) -> None:
-    """Print one row a figure: asked, measured, mark."""
+def report_figures(figures: Sequence[Figure], path: Path | None = None, **more: object) -> None:
+    """Print a row each figure and which are missed; write them, and more, to a file if there is one."""
     rows = [(f.name, f.method, f.asked or "-", f.pattern.format(f.measured), f.mark) for f in figures]
     print_table(("figure", "method", "asked", "measured", ""), rows)
-
-
-def print_verdict(figures: Sequence[Figure], path: Path | None = None, **more: object) -> None:
-    """Print how many figures are as asked and which are not; write them, and more, to a file if there is one."""
     asked = [figure for figure in figures if figure.mark]
     missed = [figure for figure in asked if figure.mark == "missed"]
     console().print(f"\n{len(asked) - len(missed)} of {len(asked)} figures are as asked.")
@@ -267,17 +221,14 @@ def print_verdict(figures: Sequence[Figure], path: Path | None = None, **more: o
 
 
 def write_json(path: Path, content: Mapping[str, object]) -> None:
+    """Write a file of JSON."""
+    write_file(path, lambda file: file.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8"))
+
+
+def write_file(path: Path, write: Callable[[Path], object]) -> None:
     """Write a file; raises `OutputError` where the system refuses."""
     try:
-        path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"{path} could not be written ({error.strerror}): name another file.") from error
-
-
-def save_picture(picture: Picture, path: Path) -> None:
-    """Write a picture; raises `OutputError` where the system refuses."""
-    try:
-        style.save(picture, path)
+        write(path)
     except OSError as error:
         raise OutputError(f"{path} could not be written ({error.strerror}): name another file.") from error
 

@@ -8,8 +8,7 @@ Without `--save` figures are printed alone. With it the rows go to the store, `d
 section, each with date, commit and seeds; sections that were not measured anew stay as they were. `write_results.py`
 makes the tables of it. `--store DIR` is another store, for trials.
 
-Parameters were chosen on plateaus seen on the same recordings. `--half seen` takes every other recording of a set, to
-choose on, and `--half kept` those in between, to see what it is worth elsewhere. Seeds from 101 on are reported.
+Parameters were chosen on plateaus seen on the same recordings. Seeds from 101 on are reported.
 """
 
 from __future__ import annotations
@@ -21,36 +20,20 @@ from argparse import Namespace
 from collections.abc import Mapping, Sequence
 from datetime import date
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import harness
-from experiments import (
-    FAILURE,
-    SPREAD,
-    SUMMARIES,
-    Experiment,
-    Table,
-    Task,
-    accuracy,
-    attempt_task,
-    feet,
-    magnetic,
-    online,
-    places,
-    pocket,
-    sum_up,
-    verdicts,
-)
+from experiments import FAILURE, SPREAD, SUMMARIES, Experiment, Table, Task, attempt, sum_up
 from harness import option
 
 from fg_nav.errors import SimulationError
 from fg_nav.report.terminal import console
 
+MODULES = ("accuracy", "coverage", "verdicts", "magnetic", "places", "feet", "pocket", "online", "cost", "peers")
 EXPERIMENTS: Mapping[str, Experiment] = {
-    name: one
-    for module in (accuracy, verdicts, magnetic, places, feet, pocket, online)
-    for name, one in module.EXPERIMENTS.items()
+    name: one for module in MODULES for name, one in import_module(f"experiments.{module}").EXPERIMENTS.items()
 }
 ROOT = Path(__file__).resolve().parents[1]
 STORE = ROOT / "docs" / "results"
@@ -72,10 +55,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if chosen.per_walk:
         print_walks(table)
     figures = [figure for asked in experiment.asked for figure in asked.judge(table)] + experiment.judge(table)
-    harness.print_figures(figures)
-    harness.print_verdict(figures, chosen.json, rows=table.rows)
+    harness.report_figures(figures, chosen.json, rows=table.rows)
     if chosen.save:
-        path = save(chosen.store, name, experiment, table, describe_seeds(chosen))
+        seeds = f"{chosen.first} to {chosen.first + chosen.seeds - 1}" if experiment.seeds else ""
+        path = save(chosen.store, name, experiment, table, seeds)
         console().print(f"stored: {path}", soft_wrap=True)
 
 
@@ -87,10 +70,9 @@ def parse(experiment: Experiment, arguments: Sequence[str]) -> Namespace:
         arguments,
         **seeds,
         only=option(None, "sections whose names begin so", nargs="+", metavar="SECTION"),
-        half=option("both", "of the recordings", choices=("both", "seen", "kept")),
         data=None,
         jobs=1,
-        per_walk=False,
+        per_walk=option(False, "figures of each walk too"),
         json=None,
         save=option(False, "keep the rows in the store"),
         store=option(STORE, "the store", type=Path, metavar="DIR"),
@@ -107,21 +89,14 @@ def select_tasks(experiment: Experiment, chosen: Namespace) -> list[Task]:
     ]
     if not tasks:
         raise SimulationError("there is no such section: see the first column of the table without --only.")
-    if chosen.half == "both":
-        return tasks
-    kept, number = [], dict[str, int]()
-    for task in tasks:
-        k = number[task.section] = number.get(task.section, -1) + 1
-        if task.walk.isdigit() or (k % 2 == 0) == (chosen.half == "seen"):
-            kept.append(task)
-    return kept
+    return tasks
 
 
 def run_tasks(tasks: Sequence[Task], jobs: int) -> Table:
     """Measure all walks, in their order."""
-    found = harness.map_walks(attempt_task, tasks, jobs)
     rows: list[Mapping[str, Any]] = []
-    for task, variants in zip(tasks, found, strict=True):
+    for task, found in zip(tasks, harness.map_walks(attempt, [task.measure for task in tasks], jobs), strict=True):
+        variants: Mapping[str, Any] = {"all": found} if FAILURE in found else found  # it could not be read or prepared
         for variant, figures in variants.items():
             rows.append({"section": task.section, "walk": task.walk, "variant": variant, **figures})
     return Table(rows)
@@ -144,15 +119,15 @@ def print_sums(experiment: Experiment, table: Table) -> None:
 
 def print_walks(table: Table) -> None:
     """Print every figure of every walk."""
+
+    def write(value: object) -> str:
+        return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+
     for section in table.sections:
         some = [row for row in table.rows if row["section"] == section]
         names = list(dict.fromkeys(name for row in some for name in row if name != "section"))
         harness.print_heading(section)
-        harness.print_table(names, [[_cell(row.get(name)) for name in names] for row in some])
-
-
-def _cell(value: object) -> str:
-    return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+        harness.print_table(names, [[write(row.get(name)) for name in names] for row in some])
 
 
 # --- the store -------------------------------------------------------------------------------------------------------
@@ -166,7 +141,9 @@ def save(folder: Path, name: str, experiment: Experiment, table: Table, seeds: s
     old = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {"made": {}, "rows": []}
     made = {"date": date.today().isoformat(), "commit": read_commit()} | ({"seeds": seeds} if seeds else {})
     rows = [row for row in old["rows"] if row["section"] not in table.sections]
-    rows += [{key: _round(value) for key, value in row.items() if value is not None} for row in table.rows]
+    for row in table.rows:
+        rounded = {key: float(f"{one:.5g}") if isinstance(one, float) else one for key, one in row.items()}
+        rows.append({key: harness.finite(one) for key, one in rounded.items() if one is not None})
     content = {"made": old["made"] | dict.fromkeys(table.sections, made), "rows": rows}
     folder.mkdir(parents=True, exist_ok=True)
     harness.write_json(path, content)
@@ -185,15 +162,6 @@ def keep_sums(experiment: Experiment, table: Table) -> Table:
                 row |= {column.head: SUMMARIES[summary](values)} if len(values) else {}
             rows.append(row)
     return Table(rows)
-
-
-def _round(value: object) -> object:
-    return harness.finite(float(f"{value:.5g}")) if isinstance(value, float) else value
-
-
-def describe_seeds(chosen: Namespace) -> str:
-    """Seeds in words; none of an experiment on recordings alone."""
-    return f"{chosen.first} to {chosen.first + chosen.seeds - 1}" if hasattr(chosen, "seeds") else ""
 
 
 def read_commit() -> str:

@@ -1,18 +1,22 @@
-"""The pictures of README and docs, of pages as a Chromium without a window shows them on a desk and on a phone.
+"""The pictures of README and docs.
 
-    python scripts/pictures.py report --figure docs/report.png [--seed N]
-    python scripts/pictures.py view --figure docs/view.png [--seed N]
+    python scripts/pictures.py walks|report|view --figure FILE [--seed N] [--data DIR]
 
+walks    a real walk over surveyed footprints, and half an hour in a simulated mall, from above, on the truth by yaw and
+         shift: walk 33 of gdin, a LORD GX5 on the instep, with its magnetometer as recorded; the scenario `mall` with a
+         calibrated magnetometer on the floor of a building (field `indoor`)
 report   the page of a result, of a simulated minute of walking with its truth: head and path, and on a phone the height
 view     the page of a walk in progress, through a simulated office: most of it at once, its last seconds at their speed
 
-It needs playwright (extra `checks`) and a Chromium, the system's or playwright's own.
+Pages are as a Chromium without a window shows them on a desk and on a phone: playwright (extra `checks`) and a Chromium
+are needed, the system's or playwright's own.
 """
 
 from __future__ import annotations
 
 import shutil
 import tempfile
+from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from io import BytesIO
@@ -21,20 +25,25 @@ from typing import Any
 
 import harness
 import numpy as np
+import walks
 from harness import option
+from matplotlib.axes import Axes
 from PIL import Image
 
 from fg_nav.arrays import Floats
-from fg_nav.errors import OutputError
-from fg_nav.io import write_canonical
-from fg_nav.lab.simulation import simulate
+from fg_nav.io import read, write_canonical
+from fg_nav.lab import palette
+from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.follow import Sensor, StreamOptions, follow
 from fg_nav.online.sources import Replay
-from fg_nav.pipeline import navigate
+from fg_nav.pipeline import navigate, prepare_walk, run_method
 from fg_nav.recording import Recording
 from fg_nav.report import REPORT
+from fg_nav.report.plots import style
+from fg_nav.truth import FootprintTruth, TrajectoryTruth
 from fg_nav.view.outlets import ListenerProcess, Outlets, format_address, open_port
+from fg_nav.walk import Walk
 
 HOST, WALKED_S, PLAYED_S = "127.0.0.1", 200.0, 12.0
 DESK_PX, PHONE_PX, BETWEEN_PX, COLORS = 1120, 390, 16, 200
@@ -79,33 +88,30 @@ def open_pages(address: str, height_px: int, schemes: tuple[str, str]) -> Iterat
             yield pages
 
 
-def photograph(pages: Sequence[Any]) -> Image.Image:
-    """Return what pages show, side by side, in few colours."""
-    shots = []
-    for page in pages:
+def photograph(pages: Sequence[Any], path: Path) -> None:
+    """Write what pages show, side by side, in few colours."""
+    joined = Image.new("RGB", (DESK_PX + BETWEEN_PX + PHONE_PX, pages[0].viewport_size["height"]), "white")
+    for page, left in zip(pages, (0, DESK_PX + BETWEEN_PX), strict=True):
         page.wait_for_timeout(500)
-        shots.append(Image.open(BytesIO(page.screenshot())).convert("RGB"))
-    joined = Image.new("RGB", (DESK_PX + BETWEEN_PX + PHONE_PX, shots[0].height), "white")
-    joined.paste(shots[0], (0, 0))
-    joined.paste(shots[1], (DESK_PX + BETWEEN_PX, 0))
-    return joined.quantize(COLORS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+        joined.paste(Image.open(BytesIO(page.screenshot())).convert("RGB"), (left, 0))
+    joined.quantize(COLORS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(path, optimize=True)
 
 
-def draw_report(seed: int) -> Image.Image:
+def draw_report(chosen: Namespace) -> None:
     """Draw the page of a result."""
     with tempfile.TemporaryDirectory() as name:
-        write_canonical(simulate("demo", seed).recording, Path(name) / "walk.csv")
+        write_canonical(simulate("demo", chosen.seed).recording, Path(name) / "walk.csv")
         navigate(Path(name) / "walk.csv").save(Path(name) / "out")
         with open_pages((Path(name) / "out" / REPORT).as_uri(), 1000, ("light", "dark")) as pages:
             for page, part in zip(pages, ("body", "#height"), strict=True):
                 page.locator("html[data-drawn=yes]").wait_for()
                 page.locator(part).evaluate("part => part.scrollIntoView({behavior: 'instant'})")
-            return photograph(pages)
+            photograph(pages, chosen.figure)
 
 
-def draw_view(seed: int) -> Image.Image:
+def draw_view(chosen: Namespace) -> None:
     """Draw the page of a walk in progress."""
-    recording = simulate("office", seed).recording
+    recording = simulate("office", chosen.seed).recording
     recording = recording.slice(0, int(np.searchsorted(recording.t, recording.t[0] + WALKED_S)))
     door = open_port(HOST, 0, "--port")
     address = format_address(HOST, door.getsockname()[1])
@@ -113,18 +119,58 @@ def draw_view(seed: int) -> Image.Image:
         options = StreamOptions(online=OnlineOptions(heading_rad=None), background=True)
         outlets = Outlets(server.send, None, server.send_remark, server)
         follow({None: Sensor(LateReplay(recording), options)}, outlets)
-        return photograph(pages)
+        photograph(pages, chosen.figure)
+
+
+WALK, MAX_POINTS = 33, 4000
+LINES = {"iez": ("zero-velocity filter (IEZ)", palette.VERMILION, 0.8), "smoother": ("fg-nav", palette.BLUE, 1.2)}
+
+
+def draw_walks(chosen: Namespace) -> None:
+    """Draw a real and a simulated walk."""
+    real = read(walks.gdin_path(walks.data_folder(chosen.data), WALK))
+    mall = simulate("mall", chosen.seed, Choices(calibrated=True)).recording
+    with style.styled():
+        picture = style.new_figure(4.2, width_in=10.5)
+        left, right = picture.subplots(1, 2, width_ratios=(1.55, 1.0))
+        ours, filtered = draw_walk(left, real)
+        left.set_title(f"A real walk of 64 m, with its magnetometer: {ours:.2f} m rms, filter {filtered:.2f}")
+        ours, filtered = draw_walk(right, mall)
+        right.set_title(f"Simulated, 2.5 km: {ours:.1f} m rms, filter {filtered:.1f}")
+        right.set_ylabel("")
+    style.save(picture, chosen.figure)
+
+
+def draw_walk(axes: Axes, recording: Recording) -> tuple[float, float]:
+    """Draw both paths over the truth; returns the rmse of the smoother and of the filter, m."""
+    walk, errors = prepare_walk(Walk.of(recording)), {}
+    if isinstance(walk.truth, TrajectoryTruth):
+        path = walk.truth.position[:: len(walk.truth.position) // MAX_POINTS + 1]
+        axes.plot(*path[:, :2].T, **palette.TRUTH_LINE, label="truth")
+    elif isinstance(walk.truth, FootprintTruth):
+        axes.plot(*walk.truth.xy.T, "s", color=palette.TRUTH, markersize=4.5, label="surveyed footprints")
+    for method, (words, color, width) in LINES.items():
+        outcome = run_method(walk, method)
+        assert outcome.comparison is not None
+        path = outcome.comparison.alignment.apply(outcome.solution.position)
+        axes.plot(*path[:: len(path) // MAX_POINTS + 1, :2].T, color=color, linewidth=width, label=words)
+        errors[method] = float(np.asarray(outcome.metrics.rmse_2d_m))
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set(xlabel="m", ylabel="m")
+    axes.legend(loc="best", frameon=False)
+    return errors["smoother"], errors["iez"]
+
+
+DRAWN = {"walks": draw_walks, "report": draw_report, "view": draw_view}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Draw it."""
-    what = option(None, "which page", choices=("report", "view"), positional=True)
-    chosen = harness.parse_arguments(__doc__, arguments, what=what, seed=harness.FIRST_SEED, figure=Path("page.png"))
-    picture = draw_report(chosen.seed) if chosen.what == "report" else draw_view(chosen.seed)
-    try:
-        picture.save(chosen.figure, optimize=True)
-    except OSError as error:
-        raise OutputError(f"{chosen.figure} cannot be written ({error.strerror}).") from None
+    """Draw one."""
+    what = option(None, "which picture", choices=tuple(DRAWN), positional=True)
+    chosen = harness.parse_arguments(
+        __doc__, arguments, what=what, seed=harness.FIRST_SEED, figure=Path("picture.png"), data=None
+    )
+    harness.write_file(chosen.figure, lambda _: DRAWN[chosen.what](chosen))
 
 
 if __name__ == "__main__":

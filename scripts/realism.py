@@ -46,29 +46,8 @@ OUTSIDE: Mapping[str, str] = {
 """Why a fact lies outside."""
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Measure and print."""
-    chosen = harness.parse_arguments(__doc__, arguments, data=None, seeds=5, first=FIRST_SEED)
-    real, ours = compare_feet(walks.data_folder(chosen.data), harness.seeds_of(chosen))
-    harness.print_table(("fact", "real", "simulated", "", ""), judge_facts(real, ours))
-
-
-def judge_facts(real: Sequence[Facts], ours: Sequence[Facts]) -> list[list[str]]:
-    """Return a row a fact: real and simulated, whether the median lies inside, and why not."""
-    rows = []
-    for name in ours[0]:
-        values = [[f for facts in some if np.isfinite(f := facts.get(name, np.nan))] for some in (real, ours)]
-        mark = "inside" if min(values[0]) <= np.median(values[1]) <= max(values[0]) else "outside"
-        rows.append([name, *(harness.spread(some, ends=(0.0, 100.0)) for some in values), mark])
-        rows[-1].append(OUTSIDE.get(name, "") if mark == "outside" else "")
-    return rows
-
-
-STRIDE_S, MIN_M, STRAIGHT_DEG = (
-    (0.6, 1.8),
-    0.8,
-    20.0,
-)  # of a stride of walking; yaw rates are of those that turn by less
+STRIDE_S, MIN_M = (0.6, 1.8), 0.8  # of a stride of walking
+STRAIGHT_DEG = 20.0  # yaw rates are of strides that turn by less
 MID_STANCE_S = 0.1  # on either side of the stillest instant, where the velocity in stance is looked at
 VICON_DAY, FEWEST = "2017-11-22", 8  # a day of walking; a trial with fewer strides shows none
 COURSE_M = ((0.0, 0.0), (0.0, 25.0), (12.0, 25.0), (12.0, 5.0), (22.0, 5.0), (22.0, 30.0))
@@ -147,6 +126,24 @@ def measure_foot(recording: Recording) -> Facts:
         facts["change from footfall to footfall (uT)"] = np.median(np.linalg.norm(np.diff(felt, axis=0), axis=1))
         facts["compass minus heading, circular sd (deg)"] = np.degrees(np.sqrt(-2 * np.log(resultant)))
     return {name: float(value) for name, value in facts.items()}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Measure and print."""
+    chosen = harness.parse_arguments(__doc__, arguments, data=None, seeds=5, first=FIRST_SEED)
+    real, ours = compare_feet(walks.data_folder(chosen.data), harness.seeds_of(chosen))
+    harness.print_table(("fact", "real", "simulated", "", ""), judge_facts(real, ours))
+
+
+def judge_facts(real: Sequence[Facts], ours: Sequence[Facts]) -> list[list[str]]:
+    """Return a row a fact: real and simulated, whether the median lies inside, and why not."""
+    rows = []
+    for name in ours[0]:
+        values = [[f for facts in some if np.isfinite(f := facts.get(name, np.nan))] for some in (real, ours)]
+        mark = "inside" if min(values[0]) <= np.median(values[1]) <= max(values[0]) else "outside"
+        rows.append([name, *(harness.spread(some, ends=(0.0, 100.0)) for some in values), mark])
+        rows[-1].append(OUTSIDE.get(name, "") if mark == "outside" else "")
+    return rows
 
 
 if __name__ == "__main__":

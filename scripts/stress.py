@@ -1,10 +1,6 @@
 """What `fg-nav stream` stands: a day of walking, kills, rubbish, datagrams on a busy machine, a thousand listeners.
 
-    python scripts/stress.py hours [--hours N] [--lag SECONDS] [--rate HZ] [--real-time MINUTES]
-    python scripts/stress.py kills [--kills N] [--hours N] [--lag SECONDS] [--hogs N]
-    python scripts/stress.py rubbish [--megabytes N]
-    python scripts/stress.py udp [--minutes N] [--hogs N]
-    python scripts/stress.py listeners [--clients N] [--seconds S]
+    python scripts/stress.py hours|kills|rubbish|udp|listeners [--json FILE]
 
 hours      A simulated walk with a magnetometer, repeated as long as it takes, goes to standard input as fast as it is
            read: an hour a row, with its time, its memory, and the longest time that the command did not read. The last
@@ -12,8 +8,8 @@ hours      A simulated walk with a magnetometer, repeated as long as it takes, g
 kills      The same walk twice, once with `--record FILE --resume`, killed (SIGKILL) at random samples and begun again,
            in turn with all rows, as of a file, and with those from `AGAIN_S` before the last recorded one on, as of a
            logger: no line may be missing or told twice, and the whole must end the same.
-rubbish    What a line of `--megabytes`, a million empty lines, bytes that are no
-           text or NULs between the halves of a walk cost it in rows, footfalls and memory.
+rubbish    What a line of `--megabytes`, a million empty lines, bytes that are no text or NULs between the halves of a
+           walk cost it in rows, footfalls and memory.
 udp        Rows at 400 Hz in their time, one a datagram, `--hogs` busy loops beside: rows lost, and whether it is said.
 listeners  A line a second and statuses to port and page, beside clients that read, that never do, and that send
            garbage: how long the thread of the walk is held up, and when a line arrives at an honest listener.
@@ -33,7 +29,7 @@ import termios
 import threading
 import time
 from argparse import Namespace
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from multiprocessing.synchronize import Event
@@ -44,9 +40,10 @@ from typing import Any
 import harness
 import numpy as np
 from harness import FIRST_SEED, Figure, option
-from walks import RepeatedWalk, simulate_long_walk
+from walks import simulate_long_walk
 
 from fg_nav.columns.mapping import CANONICAL
+from fg_nav.errors import SimulationError
 from fg_nav.io import read_raw
 from fg_nav.io.writing import format_rows
 from fg_nav.online.rows import RowReader
@@ -54,30 +51,53 @@ from fg_nav.view.outlets import STATUS_S, ListenerProcess, open_port
 from fg_nav.view.servers import LIVE
 
 HEADER = ",".join(CANONICAL[:10]).encode() + b"\n"
+STILL_RAD_S = 0.05  # No reading of a foot that stands is faster.
 PROCESSES = multiprocessing.get_context("spawn")
 
 
 @dataclass(frozen=True)
 class Rows:
-    """The lines of a repeated walk by number, stamped evenly: `tails` are those of its samples without their stamps."""
+    """A simulated walk that goes on for ever, as lines: its samples from `begin` to the end, again and again.
 
-    walk: RepeatedWalk
+    Its two ends are instants of two rests in which the foot stood alike, so that no sample leaps there. `tails` are the
+    lines without their stamps, which rise evenly.
+    """
+
     tails: list[bytes]
+    begin: int
     period_s: float
 
     @classmethod
     def simulate(cls, seed: int, rate_hz: float, minutes: float = 60.0) -> Rows:
-        """Simulate a walk with a magnetometer that goes on for ever."""
-        walk = RepeatedWalk.of(simulate_long_walk(minutes, seed, rate_hz, "indoor"))
-        assert walk.recording.mag is not None
-        samples = np.column_stack([walk.recording.acc, walk.recording.gyr, walk.recording.mag])
-        tails = "".join(format_rows(samples, "%.9g", ",")).encode().splitlines(keepends=True)
-        return cls(walk, tails, walk.recording.period_s)
+        """Simulate a walk with a magnetometer; raises `SimulationError` where it has not two rests."""
+        recording = simulate_long_walk(minutes, seed, rate_hz, "indoor")
+        assert recording.mag is not None
+        samples = np.column_stack([recording.acc, recording.gyr, recording.mag])
+        # the middle of each rest but the first, in whole seconds
+        length = round(rate_hz)
+        seconds = samples[: len(samples) // length * length].reshape(-1, length, samples.shape[1])
+        still = np.flatnonzero(np.abs(seconds[:, :, 3:6]).max(axis=(1, 2)) < STILL_RAD_S)
+        rests = [part for part in np.split(still, np.flatnonzero(np.diff(still) > 1) + 1) if len(part) > 2]
+        middle = np.array([part[len(part) // 2] for part in rests[1:]])
+        if len(middle) < 2:
+            raise SimulationError("the walk has not two rests to be joined at: ask for three minutes or more.")
+        # the late one most like the early one; in m/s^2 and uT alike: a degree moves gravity by 0.2, the field by 0.8
+        mean = seconds[middle].mean(axis=1)[:, [0, 1, 2, 6, 7, 8]]
+        late = np.arange((len(middle) + 1) // 2, len(middle))
+        end = int(middle[late[np.argmin(np.linalg.norm(mean[late] - mean[0], axis=1))]]) * length
+        tails = "".join(format_rows(samples[:end], "%.9g", ",")).encode().splitlines(keepends=True)
+        return cls(tails, int(middle[0]) * length, recording.period_s)
 
     def format(self, start: int, stop: int) -> bytes:
         """Return the lines of samples `start <= i < stop`."""
-        numbers = self.walk.number(np.arange(start, stop)).tolist()
+        index, end = np.arange(start, stop), len(self.tails)
+        numbers = np.where(index < end, index, self.begin + (index - self.begin) % (end - self.begin)).tolist()
         return b"".join(b"%.6f,%b" % ((start + k) * self.period_s, self.tails[n]) for k, n in enumerate(numbers))
+
+
+def count(section: str, name: str, method: str, measured: float, low: float = -np.inf, high: float = np.inf) -> Figure:
+    """A figure that is a whole number."""
+    return Figure(section, name, method, measured, low, high, "{:.0f}")
 
 
 def read_memory_mb(process: int | str, key: str = "VmRSS") -> float:
@@ -98,10 +118,8 @@ class Follower:
     highest_mb: float = 0.0
 
     def __post_init__(self) -> None:
-        command = [sys.executable, "-m", "fg_nav.cli", "stream", self.source, *self.words]
-        self.process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
-        )
+        command, pipe = [sys.executable, "-m", "fg_nav.cli", "stream", self.source, *self.words], subprocess.PIPE
+        self.process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL)
         assert self.process.stdin is not None
         self.stdin = self.process.stdin
         self._reader = threading.Thread(target=self._collect, daemon=True)
@@ -118,10 +136,6 @@ class Follower:
         self.stdin.write(piece)
         self.stdin.flush()
         return perf_counter() - began
-
-    def has_unread(self) -> bool:
-        """Whether there are bytes that it has not taken."""
-        return any(fcntl.ioctl(self.stdin.fileno(), termios.FIONREAD, bytes(4)))
 
     def measure_memory(self) -> float:
         """Return MB of the command and of the process beside it."""
@@ -170,38 +184,30 @@ def measure_hours(given: Namespace) -> list[Figure]:
     hour, block, samples = (round(s / rows.period_s) for s in (3600.0, BLOCK_S, 3600.0 * given.hours))
     took, waits, memory = list[float](), list[float](), list[float]()
     for begin in range(0, samples, hour):
-        began, end, wait_s = perf_counter(), min(begin + hour, samples), 0.0
-        for start in range(begin, end, block):
-            wait_s = max(wait_s, follower.write(rows.format(start, min(start + block, end))))
-        took, waits, memory = [*took, perf_counter() - began], [*waits, wait_s], [*memory, follower.measure_memory()]
+        began, end = perf_counter(), min(begin + hour, samples)
+        waits.append(max(follower.write(rows.format(k, min(k + block, end))) for k in range(begin, end, block)))
+        took, memory = [*took, perf_counter() - began], [*memory, follower.measure_memory()]
         speed = (end - begin) * rows.period_s / took[-1]
-        print(
-            f"hour {len(took)}: {speed:.1f} times faster, {memory[-1]:.0f} MB, longest wait {wait_s:.2f} s", flush=True
-        )
-    behind_s = follow_in_time(rows, samples, round(60.0 * given.real_time / rows.period_s), follower)
+        print(f"hour {len(took)}: {speed:.1f} times faster, {memory[-1]:.0f} MB, longest wait {waits[-1]:.2f} s")
+    # as they are walked: for how long there is always something that it has not read
+    block, behind_s = round(PACE_S / rows.period_s), 0.0
+    began = empty = perf_counter()
+    for k in range(0, round(60.0 * given.real_time / rows.period_s), block):
+        time.sleep(max(began + k * rows.period_s - perf_counter(), 0.0))
+        if not any(fcntl.ioctl(follower.stdin.fileno(), termios.FIONREAD, bytes(4))):
+            empty = perf_counter()
+        behind_s = max(behind_s, perf_counter() - empty)
+        follower.write(rows.format(samples + k, samples + k + block))
     follower.end()
     name, speed = f"{given.hours:g} hours", 3600.0 * given.hours / sum(took)
     return [
         Figure(name, "times faster than walked", "stream", speed, low=1.0, pattern="{:.1f}"),
         Figure(name, "longest wait (s)", "stream", max(waits)),
-        Figure(name, "lines", "stream", len(follower.lines), pattern="{:.0f}"),
-        Figure(name, "memory, highest (MB)", "stream", follower.highest_mb, pattern="{:.0f}"),
+        count(name, "lines", "stream", len(follower.lines)),
+        count(name, "memory, highest (MB)", "stream", follower.highest_mb),
         Figure(name, "memory at the end over that of hour 2", "stream", memory[-1] / memory[:2][-1]),
         Figure(name, "longest wait of rows as walked (s)", "stream", behind_s, high=MAX_WAIT_S),
     ]
-
-
-def follow_in_time(rows: Rows, start: int, count: int, follower: Follower) -> float:
-    """Send samples as they are walked; return the longest time for which there was always something to be read, s."""
-    block, longest = round(PACE_S / rows.period_s), 0.0
-    began = empty = perf_counter()
-    for k in range(0, count, block):
-        time.sleep(max(began + k * rows.period_s - perf_counter(), 0.0))
-        now = perf_counter()
-        empty = empty if follower.has_unread() else now
-        longest = max(longest, now - empty)
-        follower.write(rows.format(start + k, start + k + block))
-    return longest
 
 
 def measure_kills(given: Namespace) -> list[Figure]:
@@ -228,9 +234,9 @@ def measure_kills(given: Namespace) -> list[Figure]:
         missing, twice, difference = compare_lines(whole, told)
         high = np.inf if words else MAX_DIFFERENCE  # with a lag the end depends on when it was solved
         figures += [
-            Figure(mode, "lines", "stream", len(whole), low=1, pattern="{:.0f}"),
-            Figure(mode, "lines missing", "stream", missing, high=0, pattern="{:.0f}"),
-            Figure(mode, "lines twice", "stream", twice, high=0, pattern="{:.0f}"),
+            count(mode, "lines", "stream", len(whole), low=1),
+            count(mode, "lines missing", "stream", missing, high=0),
+            count(mode, "lines twice", "stream", twice, high=0),
             Figure(mode, "end, sigmas", "stream", difference, high=high),
         ]
     return figures
@@ -294,8 +300,8 @@ def measure_rubbish(given: Namespace) -> list[Figure]:
         clean = (follower.highest_mb, footfalls) if name == "none" else clean
         figures += [
             Figure("rubbish", "memory more, MB", name, follower.highest_mb - clean[0], high=MAX_MORE_MB),
-            Figure("rubbish", "rows missing", name, missing, high=0, pattern="{:.0f}"),
-            Figure("rubbish", "footfalls more", name, footfalls - clean[1], 0, 0, "{:.0f}"),
+            count("rubbish", "rows missing", name, missing, high=0),
+            count("rubbish", "footfalls more", name, footfalls - clean[1], 0, 0),
         ]
     return figures
 
@@ -324,10 +330,10 @@ def measure_udp(given: Namespace) -> list[Figure]:
     told = [words for words in notes if "were lost" in words or "no room" in words]
     case = f"{given.hogs} busy loops"
     return [
-        Figure("udp", "rows sent", case, len(lines), pattern="{:.0f}"),
-        Figure("udp", "rows lost", case, lost, high=0, pattern="{:.0f}"),
-        Figure("udp", "losses told wrongly", case, float((lost > 0) != bool(told)), high=0, pattern="{:.0f}"),
-        Figure("udp", "footfalls", case, sum(line["kind"] == "smoothed" for line in follower.lines), low=1),
+        count("udp", "rows sent", case, len(lines)),
+        count("udp", "rows lost", case, lost, high=0),
+        count("udp", "losses told wrongly", case, float((lost > 0) != bool(told)), high=0),
+        count("udp", "footfalls", case, sum(line["kind"] == "smoothed" for line in follower.lines), low=1),
     ]
 
 
@@ -383,64 +389,54 @@ CROWDS = {"nobody": 0.0, "readers": 1.0, "most deaf": 0.1, "deaf": 0.0, "garbage
 
 def measure_listeners(given: Namespace) -> list[Figure]:
     """Serve lines and page beside each kind of crowd; how long the walk is held up, and when lines arrive."""
-    figures, count = list[Figure](), int(given.seconds / TICK_S / TICKS_A_LINE)
+    figures, lines = list[Figure](), int(given.seconds / TICK_S / TICKS_A_LINE)
     for name, reading in CROWDS.items():
         doors = open_port(HOST, 0, "lines"), open_port(HOST, 0, "page")
         ports = doors[0].getsockname()[1], doors[1].getsockname()[1]
         ready, done, found = PROCESSES.Event(), PROCESSES.Event(), PROCESSES.Queue()
         clients = 0 if name == "nobody" else given.clients
-        listener = PROCESSES.Process(target=listen, args=(ports, count, found, ready), daemon=True)
+        listener = PROCESSES.Process(target=listen, args=(ports, lines, found, ready), daemon=True)
         others = PROCESSES.Process(target=crowd, args=(ports, clients, done, reading), daemon=True)
         with closing(ListenerProcess(*doors, HOST, print)) as served:
             listener.start()
             ready.wait(30.0)
             others.start()
             time.sleep(1.0 + COMING_S * clients)
-            held_up = send_lines(served, count)
+            held_up = send_lines(served, lines)
             delays = found.get(timeout=60.0)
         done.set()
         for process in (listener, others):
             process.join(10.0)
             process.kill()
         late = [float(np.quantile(ms, 0.99)) for ms in delays]
-        figures += [
-            Figure(name, f"{name}: held up, most (ms)", "walk", max(held_up), high=HELD_UP_MS, pattern="{:.0f}"),
-            Figure(name, f"{name}: lines arrive, 99 % (ms)", "port", late[0], high=HELD_UP_MS, pattern="{:.0f}"),
-            Figure(name, f"{name}: lines arrive, 99 % (ms)", "page", late[1], high=HELD_UP_MS, pattern="{:.0f}"),
-        ]
+        figures.append(count(name, f"{name}: held up, most (ms)", "walk", max(held_up), high=HELD_UP_MS))
+        for door, ms in zip(("port", "page"), late, strict=True):
+            figures.append(count(name, f"{name}: lines arrive, 99 % (ms)", door, ms, high=HELD_UP_MS))
     return figures
 
 
-def send_lines(served: ListenerProcess, count: int) -> list[float]:
+def send_lines(served: ListenerProcess, lines: int) -> list[float]:
     """Send lines and statuses when they are due; return how long after that the thread went on, ms."""
     held_up, began, due_status = list[float](), time.monotonic(), 0.0
-    line = {"kind": "now", "continues": False, "position_m": [0.0] * 3, "heading_deg": 0.0, "field": "none"}
-    line |= {
-        "position_sigma_m": [0.1] * 3,
-        "east_north_cov_m2": 0.0,
-        "heading_sigma_deg": 1.0,
-        "field_reason": "x" * 200,
-    }
-    status = {"position_m": [0.0] * 3, "heading_deg": 0.0, "source": "ok"}
-    for k in range(count * TICKS_A_LINE):
+    place = {"position_m": [0.0] * 3, "heading_deg": 0.0}
+    line = {"kind": "now", "continues": False, "field": "none", "field_reason": "x" * 200, **place}
+    line |= {"position_sigma_m": [0.1] * 3, "east_north_cov_m2": 0.0, "heading_sigma_deg": 1.0}
+    for k in range(lines * TICKS_A_LINE):
         due = began + k * TICK_S
         time.sleep(max(0.0, due - time.monotonic()))
         if k % TICKS_A_LINE == 0:
             served.send_line(json.dumps({**line, "stance": k, "t": time.monotonic()}))
         if due >= due_status:
             due_status = due + STATUS_S
-            served.send_status({"t": due, **status})
+            served.send_status({"t": due, "source": "ok", **place})
         held_up.append(1e3 * (time.monotonic() - due))
     return held_up
 
 
-MEASURES: dict[str, Callable[[Namespace], Iterable[Figure]]] = {
-    "hours": measure_hours,
-    "kills": measure_kills,
-    "rubbish": measure_rubbish,
-    "udp": measure_udp,
+MEASURES: dict[str, Callable[[Namespace], list[Figure]]] = {
+    "hours": measure_hours, "kills": measure_kills, "rubbish": measure_rubbish, "udp": measure_udp,
     "listeners": measure_listeners,
-}
+}  # fmt: skip
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -462,9 +458,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         seed=FIRST_SEED,
         json=None,
     )
-    figures = list(MEASURES[given.what](given))
-    harness.print_figures(figures)
-    harness.print_verdict(figures, given.json)
+    harness.report_figures(MEASURES[given.what](given), given.json)
 
 
 if __name__ == "__main__":

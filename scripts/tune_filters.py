@@ -49,6 +49,8 @@ BASELINE = "iez"
 
 Point = Mapping[str, float]
 """Parameter -> value; what is not named is as in the preset. `allowance` and `window` are of `scale_detector`."""
+Trial = tuple[str, str, Point]
+"""Method, preset, and what is other than in it."""
 Grid = Mapping[str, tuple[float, ...]]
 
 SIGMAS_DEG = (5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 45.0, 90.0)
@@ -89,38 +91,45 @@ def main(arguments: Sequence[str] | None = None) -> None:
         held_out=option(False, "measure `tuned` on seeds 31 to 36 instead"),
     )
     first = 31 if chosen.held_out else 1
-    cases = [
-        (s, seed, level) for s in chosen.scenarios for seed in range(first, first + chosen.seeds) for level in FIELDS
-    ]
+    seeds = range(first, first + chosen.seeds)
+    cases = [(scenario, seed, level) for scenario in chosen.scenarios for seed in seeds for level in FIELDS]
     bench = Bench(make_folder(chosen.cache), cases, chosen.jobs)
     if chosen.held_out:
-        trials: list[tuple[str, str, Point]] = [
-            (method, preset, {}) for method in (BASELINE, *chosen.methods) for preset in (PHYSICAL, TUNED)
-        ]
+        trials: list[Trial] = [(m, preset, {}) for m in (BASELINE, *chosen.methods) for preset in (PHYSICAL, TUNED)]
         rows = [(m, p, f"{np.exp(loss):.3f}") for (m, p, _), loss in zip(trials, bench.losses(trials), strict=True)]
         harness.print_table(("method", "preset", f"error over the IEZ's, {len(cases)} walks"), rows)
         return
     for method in chosen.methods:
         # the physical values belong to the grid
-        begin = {name: value_of(find_parameters(method, PHYSICAL), name) for name in GRIDS[method]}
+        physical = find_parameters(method, PHYSICAL)
+        begin = {"allowance": 1.0, "window": 1.0 if isinstance(physical, IezParameters) else physical.detector.window}
+        begin = {name: float(begin[name] if name in begin else getattr(physical, name)) for name in GRIDS[method]}
         grid = {name: tuple(sorted({*values, begin[name]})) for name, values in GRIDS[method].items()}
         ends = [bench.descend(method, grid, {**begin, **start}, chosen.rounds) for start in STARTS]
         best = ends[int(np.argmin(bench.losses([(method, PHYSICAL, end) for end in ends])))]
-        print_star(bench, method, best, grid)
+        # every value of every parameter beside the best; the best is marked
+        harness.print_heading(f"{method}: error over the IEZ's (geometric mean of {len(cases)} walks)")
+        lines = []
+        for name, values in grid.items():
+            loss = bench.vary(method, best, name, values)
+            marks = {min(loss, key=lambda value: loss[value]): "*"}
+            shown = [f"{value:g}: {np.exp(one):.3f}{marks.get(value, '')}" for value, one in loss.items()]
+            lines.append((name, "  ".join(shown)))
+        harness.print_table(("parameter", "value: ratio"), lines)
 
 
 @dataclass(frozen=True)
 class Bench:
-    """Runs trials (method, preset, point) on all its cases (scenario, seed, field), and remembers their losses."""
+    """Runs trials on all its cases (scenario, seed, field), and remembers their losses."""
 
     folder: Path
     cases: Sequence[tuple[str, int, str]]
     jobs: int
     known: dict[str, list[float]] = field(default_factory=dict)
 
-    def losses(self, trials: Sequence[tuple[str, str, Point]]) -> list[float]:
+    def losses(self, trials: Sequence[Trial]) -> list[float]:
         """Loss of each trial."""
-        every: list[tuple[str, str, Point]] = [(BASELINE, PHYSICAL, {}), *trials]
+        every: list[Trial] = [(BASELINE, PHYSICAL, {}), *trials]
         new = {f"{one}": one for one in every if f"{one}" not in self.known}
         if new:
             measure = partial(measure_case, self.folder, list(new.values()))
@@ -146,7 +155,7 @@ class Bench:
         return point
 
 
-def measure_case(folder: Path, trials: Sequence[tuple[str, str, Point]], case: tuple[str, int, str]) -> list[float]:
+def measure_case(folder: Path, trials: Sequence[Trial], case: tuple[str, int, str]) -> list[float]:
     """Return rmse at the footfalls and error at the last together, m, of each trial on a walk."""
     walk, found = find_walk(folder, *case), []
     for method, preset, point in trials:
@@ -190,27 +199,6 @@ def set_point(parameters: Parameters, point: Point) -> Parameters:
     known = INERTIAL | {"allowance", "window"}
     own: dict[str, Any] = {name: value for name, value in point.items() if name not in known}
     return replace(parameters, detector=detector, inertial=replace(parameters.inertial, **inertial), **own)
-
-
-def value_of(parameters: Parameters, name: str) -> float:
-    """One of a grid's parameters in a preset."""
-    if name == "allowance":
-        return 1.0
-    if name == "window" and not isinstance(parameters, IezParameters):
-        return float(parameters.detector.window)
-    return float(getattr(parameters, name))
-
-
-def print_star(bench: Bench, method: str, point: Point, grid: Grid) -> None:
-    """Print the ratio to the IEZ's error at each value of each parameter; the best is marked."""
-    harness.print_heading(f"{method}: error over the IEZ's (geometric mean of {len(bench.cases)} walks)")
-    rows = []
-    for name, values in grid.items():
-        loss = bench.vary(method, point, name, values)
-        at = min(loss, key=lambda value: loss[value])
-        shown = [f"{value:g}: {np.exp(loss[value]):.3f}{'*' if value == at else ''}" for value in values]
-        rows.append([name, "  ".join(shown)])
-    harness.print_table(("parameter", "value: ratio"), rows)
 
 
 if __name__ == "__main__":

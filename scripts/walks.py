@@ -27,9 +27,9 @@ from pathlib import Path
 import numpy as np
 import scipy.io
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Floats
 from fg_nav.detection.stance import Stances
-from fg_nav.errors import FormatError, SimulationError
+from fg_nav.errors import FormatError
 from fg_nav.io import Reading, read_raw
 from fg_nav.lab.pyshoe import read_pyshoe_labels, read_pyshoe_track
 from fg_nav.lab.simulation import SCENARIOS, Choices, routes, simulate
@@ -55,11 +55,6 @@ LOOPS = {
 def gdin_path(data: Path, number: int) -> Path:
     """File of an indoor walk; those up to 29 lie in a folder of their own."""
     return data / "gdin" / ("own" if number > 29 else "own_obsolete") / f"SensorConnectData_{number}.csv"
-
-
-def gdlbio_path(data: Path, number: int) -> Path:
-    """File of a surveyed walk."""
-    return data / "gdlbio" / f"SensorConnectData_{number}_GDLBIO.mat"
 
 
 NUMBERED: Mapping[str, tuple[str, Sequence[int]]] = {
@@ -88,18 +83,20 @@ class Real:
     barometer: Path | None = None
 
     def read_raw(self) -> RawRecording:
-        """Read the samples as they stand in the file, without the magnetometer."""
-        is_table = self.path.parent.name == "mti1_loops"
-        return replace(_read_mti1(self.path) if is_table else read_raw(self.path), mag=None)
+        """Read the samples as they stand in the file, without the magnetometer; those of mti1_loops have no stamps."""
+        if self.path.parent.name != "mti1_loops":
+            return replace(read_raw(self.path), mag=None)
+        rows = np.genfromtxt(self.path, delimiter=",", skip_header=2)  # a header, and a row that is no sample
+        return RawRecording(np.arange(len(rows)) / MTI1_RATE_HZ, rows[:, :3], rows[:, 3:6], np.arange(len(rows)) + 3)
 
     def prepare(self, options: Options | None = None) -> Prepared:
         """Read a walk and find its stances as `fg-nav run --no-mag` does, or by these options."""
-        options = options or Options(use_magnetometer=False)
+        source: Path | Recording = self.path
         if self.path.parent.name == "mti1_loops":
-            return prepare_walk(read_walk(Recording.from_raw(_read_mti1(self.path)), options))
-        if self.barometer is not None:
-            return prepare_walk(read_walk(Reading(barometer=self.barometer).read(self.path), options))
-        return prepare_walk(read_walk(self.path, options))
+            source = Recording.from_raw(self.read_raw())
+        elif self.barometer is not None:
+            source = Reading(barometer=self.barometer).read(self.path)
+        return prepare_walk(read_walk(source, options or Options(use_magnetometer=False)))
 
     def read(self) -> Walk:
         """Read a walk with what is stored with it."""
@@ -149,27 +146,20 @@ def list_set(data: Path, name: str, with_barometer: bool = False) -> list[Real]:
         found = [Real(one, data / path) for one, path in LOOPS.items() if one.startswith(name)]
     elif name in NUMBERED:
         group, numbers = NUMBERED[name]
-        place = gdin_path if group == GDIN else gdlbio_path
-        found = [Real(f"{group} {number}", place(data, number)) for number in numbers]
+        surveyed = "gdlbio/SensorConnectData_{}_GDLBIO.mat"
+        paths = [gdin_path(data, n) if group == GDIN else data / surveyed.format(n) for n in numbers]
+        found = [Real(f"{group} {number}", path) for number, path in zip(numbers, paths, strict=True)]
     else:
         ends = "" if name == "vicon" else ".csv.gz"
         paths = [path for one in FILES[name] for path in sorted(data.glob(one + ends)) if path.name.count(".") <= 2]
-        air = {
-            path: path.with_name(path.name.replace(".csv", ".baro.csv")) if with_barometer else None for path in paths
-        }
-        found = [
-            Real(path.name.partition(".")[0], path, one) for path, one in air.items() if one is None or one.exists()
-        ]
+        found = [Real(path.name.partition(".")[0], path) for path in paths]
+        if with_barometer:
+            beside = [one.path.with_name(one.path.name.replace(".csv", ".baro.csv")) for one in found]
+            found = [replace(one, barometer=air) for one, air in zip(found, beside, strict=True) if air.exists()]
     found = [one for one in found if one.path.exists()]
     if not found:
         raise FormatError(f"there is no recording of the set {name} in {data}: check the folder given with --data.")
     return found
-
-
-def _read_mti1(path: Path) -> RawRecording:
-    """Read a table without stamps, whose first row is no sample."""
-    rows = np.genfromtxt(path, delimiter=",", skip_header=2)
-    return RawRecording(np.arange(len(rows)) / MTI1_RATE_HZ, rows[:, :3], rows[:, 3:6], np.arange(len(rows)) + 3)
 
 
 # --- simulated -------------------------------------------------------------------------------------------------------
@@ -202,46 +192,3 @@ def simulate_long_walk(minutes: float, seed: int, rate_hz: float = 200.0, field:
     truth, stop = whole.truth, round(60 * minutes * rate_hz)
     assert isinstance(truth, TrajectoryTruth)
     return replace(whole.slice(0, stop), truth=TrajectoryTruth(truth.t[:stop], truth.position[:stop]))
-
-
-STILL_RAD_S = 0.05  # No reading of a foot that stands is faster.
-
-STILL_S = 1.0
-
-
-@dataclass(frozen=True)
-class RepeatedWalk:
-    """A walk that goes on for ever: the samples from `begin` of a recording to its end, again and again.
-
-    Its two ends are instants of two rests in which the foot stood alike, so that no sample leaps there.
-    """
-
-    recording: Recording
-    begin: int
-
-    @classmethod
-    def of(cls, recording: Recording) -> RepeatedWalk:
-        """Cut a recording of `simulate_long_walk`, with a field, at two rests: one in the first minutes, and one late.
-
-        Raises `SimulationError` where it has not two.
-        """
-        length = max(1, round(STILL_S / recording.period_s))
-        assert recording.mag is not None
-        samples = np.column_stack([recording.acc, recording.gyr, recording.mag])
-        seconds = samples[: len(samples) // length * length].reshape(-1, length, samples.shape[1])
-        still = np.flatnonzero(np.abs(seconds[:, :, 3:6]).max(axis=(1, 2)) < STILL_RAD_S)
-        rests = [part for part in np.split(still, np.flatnonzero(np.diff(still) > 1) + 1) if len(part) > 2]
-        middle = np.array([part[len(part) // 2] for part in rests[1:]])
-        if len(middle) < 2:
-            raise SimulationError("the walk has not two rests to be joined at: ask for three minutes or more.")
-        mean = seconds[middle].mean(axis=1)
-        late = np.arange((len(middle) + 1) // 2, len(middle))
-        # In m/s^2 and uT alike: a degree moves gravity by 0.2, and the field by 0.8.
-        apart = np.linalg.norm((mean[late] - mean[0])[:, [0, 1, 2, 6, 7, 8]], axis=1)
-        begin, end = int(middle[0]) * length, int(middle[late[np.argmin(apart)]]) * length
-        return cls(recording.slice(0, end), begin)
-
-    def number(self, index: Ints) -> Ints:
-        """Return which sample (n,) of the recording is sample `index` (n,) of the walk."""
-        end = len(self.recording)
-        return np.where(index < end, index, self.begin + (index - self.begin) % (end - self.begin))

@@ -20,42 +20,26 @@ import json
 import re
 import subprocess
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TypeAlias
 
 import harness
-from experiments import Block, Table, sum_up, write_row, write_table
+from experiments import Table, peers, sum_up, write_row, write_table
 from measure import EXPERIMENTS, ROOT
 
 from fg_nav.errors import OutputError
-from fg_nav.lab.reproduce.results import (
-    HIGH_PERCENT,
-    LOW_PERCENT,
-    MEANINGS,
-    TOLERANCE,
-    VERDICTS,
-    Experiment,
-    Reproduction,
-    Row,
-    count_verdicts,
-    describe_counts,
-    format_name,
-    format_note,
-    format_printed,
-    format_seeds,
-    format_spread,
-    read_reproduction,
-)
+from fg_nav.lab.reproduce import results
+from fg_nav.lab.reproduce.results import Experiment, Reproduction, format_name, format_printed, format_spread
 from fg_nav.lab.store.files import write_text
 from fg_nav.report.terminal import console
 
 HEAD = f"""# The papers' figures and ours
 
 Written by `scripts/write_results.py`, never by hand, from the files in `docs/results`. All walks are simulated. A
-figure is the median over the walks, with {LOW_PERCENT:.0f} to {HIGH_PERCENT:.0f} % behind it. The column that is \
-judged, by its median,
+figure is the median over the walks, with {results.LOW_PERCENT:.0f} to {results.HIGH_PERCENT:.0f} % behind it. \
+The column that is judged, by its median,
 is in bold: the paper's own method as printed; of munoz-diaz2017, which as printed goes off by tens of degrees, the
 filter with misprints corrected and gravity as a mean over two strides. Ours is without the places that the smoother now
 recognizes: what these change on such walks is in measured.md. Verdicts:
@@ -64,48 +48,32 @@ recognizes: what these change on such walks is in measured.md. Verdicts:
 POCKET = "munoz-diaz2017"
 
 
-@dataclass(frozen=True)
-class Line:
-    """A line of another page: paper, experiment, what it is, and the rows that it is of, such as one a field."""
-
-    paper: str
-    experiment: str
-    what: str
-    rows: Sequence[str]
+Line: TypeAlias = tuple[str, str, str, Sequence[str]]
+"""A line of another page: paper, experiment, what it is, and the rows that it is of, such as one a field."""
 
 
-def _of(experiment: str, *rows: str) -> list[Line]:
-    """Lines of the pocket's paper, of one row each."""
-    return [Line(POCKET, experiment, "", [row]) for row in rows]
+def over_fields(paper: str, experiment: str, row: str) -> Line:
+    """A line of both fields."""
+    return paper, experiment, f"{row}, smooth / indoor", [f"{row}, {field}" for field in ("smooth", "indoor")]
 
 
-def _fields(paper: str, experiment: str, row: str) -> Line:
-    return Line(paper, experiment, f"{row}, smooth / indoor", [f"{row}, {field}" for field in ("smooth", "indoor")])
-
-
-HEADLINES = {
+POCKET_ROWS = {
+    "D-E1": ["z off zero at the end, truly 0.1"],
+    "D-E2": [*(f"z is at -0.08 deg/s after, {site}" for site in ("north-pole", "equator", "munich")),
+             "z at the end, north-pole, truly -0.1"],
+    "D-E3": ["detector: z is at -0.08 deg/s after", "detector, MD (21) as printed: z is at -0.08 deg/s after"],
+    "D-E5": ["uncalibrated: z off at most, after 3 min"],
+    "D-E6": [f"{how}: {what}" for how in ("both updates", "gravity only")
+             for what in ("yaw error after the first round trip", "displacement after it")],
+}  # fmt: skip
+HEADLINES: Mapping[str, list[Line]] = {
     "README.md": [
-        _fields("ma2018", "M-E3", "final position error, proposed"),
-        _fields("ma2018", "M-E4", "mean error at 42 landmarks, proposed"),
-        _fields("aiez2017", "Z-E2", "position error, AIEZ"),
-        *_of("D-E6", "both updates: displacement after it"),
+        over_fields("ma2018", "M-E3", "final position error, proposed"),
+        over_fields("ma2018", "M-E4", "mean error at 42 landmarks, proposed"),
+        over_fields("aiez2017", "Z-E2", "position error, AIEZ"),
+        (POCKET, "D-E6", "", ["both updates: displacement after it"]),
     ],
-    "docs/pocket.md": [
-        *_of("D-E1", "z off zero at the end, truly 0.1"),
-        *_of("D-E2", *(f"z is at -0.08 deg/s after, {site}" for site in ("north-pole", "equator", "munich"))),
-        *_of("D-E2", "z at the end, north-pole, truly -0.1"),
-        *_of("D-E3", "detector: z is at -0.08 deg/s after"),
-        *_of("D-E3", "detector, MD (21) as printed: z is at -0.08 deg/s after"),
-        *_of("D-E5", "uncalibrated: z off at most, after 3 min"),
-        *_of(
-            "D-E6",
-            *(
-                f"{how}: {what}"
-                for how in ("both updates", "gravity only")
-                for what in ("yaw error after the first round trip", "displacement after it")
-            ),
-        ),
-    ],
+    "docs/pocket.md": [(POCKET, name, "", [row]) for name, rows in POCKET_ROWS.items() for row in rows],
 }
 """Lines of other pages."""
 
@@ -137,7 +105,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def write_pages(root: Path) -> dict[Path, str]:
     """Text of every page that has results in it."""
-    papers = [read_reproduction(root / FOLDER / f"{name}.json") for name in PAPERS]
+    papers = [results.read_reproduction(root / FOLDER / f"{name}.json") for name in PAPERS]
     blocks = {"papers": headlines(papers, "README.md"), "pocket": headlines(papers, "docs/pocket.md")}
     blocks |= {name: lines for path in sorted((root / FOLDER).glob("*.json")) for name, lines in write_blocks(path)}
     pages = [root / "README.md", *sorted((root / "docs").glob("*.md"))]
@@ -155,18 +123,15 @@ def write_blocks(path: Path) -> Iterator[tuple[str, list[str]]]:
     if path.stem not in (*EXPERIMENTS, "benchmark"):
         return
     content = json.loads(path.read_text(encoding="utf-8"))
-    if path.stem == "benchmark":
-        yield "peers", write_peers(content["peers"])
+    if path.stem == "benchmark":  # of before there was one store
+        yield "peers", peers.write_peers(peers.read_benchmark(content["peers"]))
         return
     experiment, table = EXPERIMENTS[path.stem], Table(content["rows"])
-
-    def write_sums(table: Table) -> list[str]:
-        heads, *rows = sum_up(table, experiment.columns)
-        return write_table(heads, rows, words=2)
-
-    blocks: Mapping[str, Block] = {path.stem: write_sums, **experiment.blocks}
-    for name, write in blocks.items():
-        yield name, [*write(table), "", describe_stamps(path.stem, content["made"])]
+    heads, *rows = sum_up(table, experiment.columns)
+    blocks = {path.stem: write_table(heads, rows, words=2)}
+    blocks |= {name: write(table) for name, write in experiment.blocks.items()}
+    for name, lines in blocks.items():
+        yield name, [*lines, "", describe_stamps(path.stem, content["made"])]
 
 
 def describe_stamps(name: str, made: Mapping[str, Mapping[str, str]]) -> str:
@@ -198,113 +163,62 @@ def fill_marks(text: str, blocks: Mapping[str, Sequence[str]]) -> str:
     return MARKED.sub(fill, text)
 
 
-PEER_COLUMNS = {
-    "walks": ("walks", "{}"), "over_bare": ("over the bare loop", "{:.2f}"), "us_a_sample": ("us a sample", "{:.2f}"),
-    "rmse_2d_m": ("2-D (m)", "{:.3f}"), "rmse_3d_m": ("3-D (m)", "{:.3f}"), "closure_m": ("start to end (m)", "{:.2f}"),
-    "heading_deg": ("heading (deg)", "{:.2f}"), "inclination_deg": ("inclination (deg)", "{:.2f}"),
-}  # fmt: skip
-
-
-def write_peers(peers: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Write speed, errors and scope of each program, one row a set."""
-    lines = [write_row(["set", "program", *(head for head, _ in PEER_COLUMNS.values()), "leaves out"])]
-    lines.append("|---|---|" + "---:|" * len(PEER_COLUMNS) + "---|")
-    for row in peers:
-        cells = ["-" if row[name] is None else pattern.format(row[name]) for name, (_, pattern) in PEER_COLUMNS.items()]
-        scope = f"not measured: {row['missing']}" if row["over_bare"] is None else row["leaves_out"]
-        lines.append(write_row([row["set"], f"{row['method']} {row['version']}".strip(), *cells, scope]))
-    return lines
-
-
 # --- the papers ------------------------------------------------------------------------------------------------------
 
 
 def document(found: Sequence[Reproduction]) -> str:
     """Return the page."""
-    meanings = [f"* {verdict}: {meaning}" for verdict, meaning in MEANINGS.items()]
-    lines = [
-        HEAD,
-        *meanings,
-        "",
-        f"The tolerance is {100 * TOLERANCE:.0f} % unless a row has its own.",
-        "",
+    lines = [HEAD, *(f"* {verdict}: {meaning}" for verdict, meaning in results.MEANINGS.items()), ""]
+    lines += [f"The tolerance is {100 * results.TOLERANCE:.0f} % unless a row has its own.", ""]
+    lines += ["| paper | seeds | " + " | ".join(results.VERDICTS) + " |", "|---|---|" + "---|" * len(results.VERDICTS)]
+    lines += [
+        write_row([one.paper, results.format_seeds(one), *map(str, results.count_verdicts(one).values())])
+        for one in found
     ]
-    lines += ["| paper | seeds | " + " | ".join(VERDICTS) + " |", "|---|---|" + "---|" * len(VERDICTS)]
-    lines += [_counts(one) for one in found]
     for one in found:
-        lines += ["", *_paper(one)]
+        lines += ["", f"## {one.paper}", "", one.citation, ""]
+        lines += [f"`{one.command}`, seeds {results.format_seeds(one)}. {results.describe_counts(one)}", ""]
+        lines += ["With " + ", ".join(f"{name} {number}" for name, number in one.versions.items()) + "."]
+        for experiment in one.experiments:
+            lines += ["", f"### {experiment.name}: {experiment.title}", "", experiment.setting, ""]
+            lines += write_experiment(experiment, len(one.seeds))
+        lines += ["", "### What differs", "", "\n\n".join(one.differs)]
     return "\n".join(lines) + "\n"
 
 
-def _counts(found: Reproduction) -> str:
-    return (
-        f"| {found.paper} | {format_seeds(found)} | "
-        + " | ".join(str(n) for n in count_verdicts(found).values())
-        + " |"
-    )
-
-
-def _paper(found: Reproduction) -> Iterator[str]:
-    yield f"## {found.paper}"
-    yield from ("", found.citation, "", f"`{found.command}`, seeds {format_seeds(found)}. {describe_counts(found)}")
-    yield from ("", "With " + ", ".join(f"{name} {number}" for name, number in found.versions.items()) + ".")
-    for experiment in found.experiments:
-        yield from ("", f"### {experiment.name}: {experiment.title}", "", experiment.setting, "")
-        yield from _table(experiment, len(found.seeds))
-    yield from ("", "### What differs", "")
-    yield "\n\n".join(found.differs)
-
-
-def _table(experiment: Experiment, walks: int) -> Iterator[str]:
+def write_experiment(experiment: Experiment, walks: int) -> Iterator[str]:
+    """Yield the table of an experiment; the judged column of a row is in bold."""
     yield write_row(["", "paper", *experiment.columns, "verdict"])
     yield "|---|" + "---:|" * (1 + len(experiment.columns)) + "---|"
     for row in experiment.rows:
-        ours = [_figure(row, column, walks) for column in experiment.columns]
-        verdict = f"**{row.verdict}**" if row.verdict else ""
-        yield write_row(
-            [
-                format_name(row),
-                format_printed(row),
-                *ours,
-                ": ".join(word for word in (verdict, format_note(row)) if word),
-            ]
-        )
-
-
-def _figure(row: Row, column: str, walks: int) -> str:
-    figure = format_spread(row, column, walks)
-    return f"**{figure}**" if column == row.judged and row.verdict else figure
+        figures = {column: format_spread(row, column, walks) for column in experiment.columns}
+        if row.verdict and row.judged in figures:
+            figures[row.judged] = f"**{figures[row.judged]}**"
+        words = [f"**{row.verdict}**" if row.verdict else "", results.format_note(row)]
+        yield write_row([format_name(row), format_printed(row), *figures.values(), ": ".join(filter(None, words))])
 
 
 def headlines(found: Sequence[Reproduction], page: str) -> list[str]:
-    """Return the lines of another page, of the papers that are there."""
+    """Return the lines of another page, of one row with its spread, of several their medians."""
     beside = BESIDE.get(page, ())
     lines = [write_row(["", "paper", "its method here", *beside, "ours"]), "|---|" + "---:|" * (3 + len(beside))]
     by_name = {(one.paper, experiment.name): (one, experiment) for one in found for experiment in one.experiments}
-    there = (line for line in HEADLINES[page] if (line.paper, line.experiment) in by_name)
-    return [*lines, *(_headline(*by_name[line.paper, line.experiment], line, beside) for line in there)]
-
-
-def _headline(found: Reproduction, experiment: Experiment, line: Line, beside: Sequence[str]) -> str:
-    rows = [_row_named(found, experiment, name) for name in line.rows]
-    first, walks = rows[0], len(found.seeds)
-    ours = next((column for column in OURS if column in first.ours), "")
-    what = format_name(replace(first, quantity=line.what or first.quantity))
-    figures = [_figures(rows, column, walks) for column in (first.judged, *beside, ours)]
-    return write_row([f"{found.paper}, {experiment.name}: {what}", format_printed(first), *figures])
-
-
-def _row_named(found: Reproduction, experiment: Experiment, name: str) -> Row:
-    row = next((row for row in experiment.rows if row.quantity == name), None)
-    if row is None:
-        raise OutputError(f"{found.paper} has no row '{name}' in {experiment.name}: see HEADLINES in the script.")
-    return row
-
-
-def _figures(rows: Sequence[Row], column: str, walks: int) -> str:
-    """Of one row with its spread, of several the medians."""
-    figures = [format_spread(row, column, walks) for row in rows]
-    return figures[0] if len(figures) == 1 else " / ".join(figure.partition(" (")[0] for figure in figures)
+    for paper, name, what, wanted in HEADLINES[page]:
+        if (paper, name) not in by_name:
+            continue
+        reproduction, experiment = by_name[paper, name]
+        known = {row.quantity: row for row in reversed(experiment.rows)}
+        for missing in [row for row in wanted if row not in known]:
+            raise OutputError(f"{paper} has no row '{missing}' in {name}: see HEADLINES in the script.")
+        rows = [known[row] for row in wanted]
+        first, figures = rows[0], list[str]()
+        ours = next((column for column in OURS if column in first.ours), "")
+        for column in (first.judged, *beside, ours):
+            some = [format_spread(row, column, len(reproduction.seeds)) for row in rows]
+            figures.append(some[0] if len(some) == 1 else " / ".join(one.partition(" (")[0] for one in some))
+        words = f"{paper}, {name}: {format_name(replace(first, quantity=what or first.quantity))}"
+        lines.append(write_row([words, format_printed(first), *figures]))
+    return lines
 
 
 if __name__ == "__main__":

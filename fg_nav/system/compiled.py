@@ -2,7 +2,7 @@
 
 numba keeps machine code where `NUMBA_CACHE_DIR` says, else in `__pycache__` next to the source, else in the home of the
 user, and refuses to load a function where none of these can be written. Then it is kept in the folder for scratch, or,
-where not even that can be, compiled again in each process (`scripts/bench/commands.py start`). What is kept
+where not even that can be, compiled again in each process (`scripts/measure.py commands --only start`). What is kept
 may be damaged, and the disk full: that costs the time of compiling, and nothing else.
 """
 

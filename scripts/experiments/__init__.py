@@ -11,7 +11,8 @@ from __future__ import annotations
 from argparse import Namespace
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from functools import partial
+from typing import Any, TypeAlias, TypeVar
 
 import harness
 import numpy as np
@@ -19,7 +20,10 @@ from harness import Figure, Option
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import FgNavError
+from fg_nav.recording import Recording
+from fg_nav.truth import TrajectoryTruth
 
+T = TypeVar("T")
 Value: TypeAlias = float | int | str | None
 Figures: TypeAlias = Mapping[str, Value]
 Found: TypeAlias = Mapping[str, Figures]
@@ -34,7 +38,6 @@ SUMMARIES: Mapping[str, Callable[[Floats], float]] = {
     "p95": lambda x: float(np.percentile(x, 95, method="linear" if np.isfinite(x).all() else "higher")),
     "rms": lambda x: float(np.sqrt(np.mean(np.square(x)))),
     "sum": lambda x: float(np.sum(x)),
-    "geometric mean": lambda x: float(np.exp(np.mean(np.log(x)))),
 }
 SPREAD = "spread"  # Median and 5 to 95 %, in words.
 
@@ -48,20 +51,26 @@ class Task:
     measure: Callable[[], Found]
 
 
-def attempt(call: Callable[[], Figures]) -> Figures:
-    """Return the figures, or why there are none."""
+def attempt(call: Callable[[], T]) -> T | Figures:
+    """Return the figures of a walk or of one variant, or why there are none."""
     try:
         return call()
     except FgNavError as error:
         return {FAILURE: str(error)}
 
 
-def attempt_task(task: Task) -> Found:
-    """Measure a walk; where it cannot be read or prepared, all its variants are one that failed."""
-    try:
-        return task.measure()
-    except FgNavError as error:
-        return {"all": {FAILURE: str(error)}}
+def list_seeds(chosen: Namespace, measures: Mapping[str, Callable[[int], Found]]) -> list[Task]:
+    """All seeds of each section."""
+    seeds = harness.seeds_of(chosen)
+    return [Task(name, f"{seed}", partial(measure, seed)) for name, measure in measures.items() for seed in seeds]
+
+
+def find_truth(recording: Recording) -> tuple[TrajectoryTruth, Floats]:
+    """Where a simulated sensor was, and its attitudes (N, 3, 3)."""
+    truth = recording.truth
+    assert isinstance(truth, TrajectoryTruth)
+    assert truth.nav_R_body is not None
+    return truth, truth.nav_R_body
 
 
 @dataclass(frozen=True)

@@ -18,37 +18,24 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import harness
-import joint_errors
 import numpy as np
 import walks
 from harness import Figure, option
-from joint_errors import FEWEST, FREEDOM, Seen
 from walks import Real
 
 from experiments import Asked, Column, Experiment, Figures, Found, Table, Task, attempt, write_table
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Floats
 from fg_nav.detection.stance import Stances
 from fg_nav.ekf import run_iez
-from fg_nav.errors import EvaluationError
 from fg_nav.evaluation import evaluate
-from fg_nav.evaluation.comparison import align, fit_scale, interpolate_truth, lift_to_space, match_footprints
-from fg_nav.frames import compute_heading
+from fg_nav.evaluation.comparison import align, fit_scale, interpolate_truth, lift_to_space
 from fg_nav.lab.consistency import compute_stance_nees
-from fg_nav.lab.simulation import Choices, scenario, simulate
-from fg_nav.lab.simulation.path import polyline
-from fg_nav.lab.simulation.plan import Section, Stand
-from fg_nav.lab.simulation.plan import Walk as Walking
-from fg_nav.lab.simulation.scenarios import FEET
-from fg_nav.lab.simulation.sensors import preset
-from fg_nav.lab.simulation.sensors.triad import Drift
-from fg_nav.pipeline import prepare_walk, run_method
+from fg_nav.pipeline import run_method
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, smooth
-from fg_nav.smoother.batch import smooth_graph
 from fg_nav.smoother.parameters import PLAIN, WalkParameters
 from fg_nav.solution import Solution
-from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
+from fg_nav.truth import FootprintTruth, TrajectoryTruth
 from fg_nav.verdict import UNUSABLE, judge_path
 from fg_nav.walk import Options, Walk
 
@@ -73,22 +60,7 @@ SECTIONS: Mapping[str, Sequence[str]] = {
 """Sets of each section; those with a barometer are solved by the smoother alone."""
 
 RMSE, SPACE, NEES, GROUND, Z = "rmse_2d_m", "rmse_3d_m", "nees", "ground_m", "z_m"
-WORSE_SHARE, WORSE_M, MAX_WORSE = (
-    0.10,
-    0.03,
-    3,
-)  # By which a walk is worse than by the filter, and on how many it may be.
-
-
-def list_real(section: str, chosen: Namespace) -> list[Real]:
-    """Recordings of a section."""
-    data = walks.data_folder(chosen.data)
-    return [one for name in SECTIONS[section] for one in walks.list_set(data, name.removesuffix(AIR), AIR in section)]
-
-
-def read_real(section: str, real: Real) -> walks.Walk:
-    """Read a recording, with the stances of its section."""
-    return real.read_labelled() if section == LABELLED else real.read()
+WORSE_SHARE, WORSE_M, MAX_WORSE = 0.10, 0.03, 3  # By which a walk is worse than by the filter, and on how many.
 
 
 def list_tasks(
@@ -98,16 +70,18 @@ def list_tasks(
     chosen: Namespace,
 ) -> list[Task]:
     """All recordings of these sections, measured with these estimates."""
+    data = walks.data_folder(chosen.data)
     return [
         Task(section, one.name, partial(measure, section, one, estimates))
         for section in sections
-        for one in list_real(section, chosen)
+        for name in SECTIONS[section]
+        for one in walks.list_set(data, name.removesuffix(AIR), AIR in section)
     ]
 
 
-def list_real_walks(chosen: Namespace) -> list[Task]:
-    """All sections, by both methods."""
-    return list_tasks(list(SECTIONS), measure_real, METHODS, chosen)
+def read_real(section: str, real: Real) -> walks.Walk:
+    """Read a recording, with the stances of its section."""
+    return real.read_labelled() if section == LABELLED else real.read()
 
 
 def measure_real(section: str, real: Real, methods: Mapping[str, Estimate]) -> Found:
@@ -180,18 +154,13 @@ def measure_as_pyshoe(solution: Solution, truth: TrajectoryTruth) -> float:
     return float(np.mean(np.abs(turn * p - q)) / np.sqrt(2))
 
 
-def error_m(row: Mapping[str, Any]) -> float:
-    """Rmse over the ground where there is a truth, else the closure over the ground, m; infinite where it failed."""
-    return float(row.get(RMSE, row.get(GROUND, np.inf)))
-
-
 def list_behind(table: Table) -> list[tuple[str, str, float, float]]:
-    """Walks on which the smoother is behind the filter: section, walk, and both errors, m."""
+    """Walks on which the smoother is behind the filter: section, walk, and rmse or closure of both, m."""
     found = []
     for section in (one for one in table.sections if AIR not in one):
         ours, theirs = table.of(section, INERTIAL), table.of(section, IEZ)
         for walk, row in ours.items():
-            one, other = error_m(row), error_m(theirs.get(walk, {}))
+            one, other = (float(of.get(RMSE, of.get(GROUND, np.inf))) for of in (row, theirs.get(walk, {})))
             if section == "mtig" and "hallway" not in walk:
                 continue  # no round
             if one > other * (1 + WORSE_SHARE) and one > other + WORSE_M:
@@ -221,42 +190,39 @@ def judge_real_walks(table: Table) -> list[Figure]:
     return figures
 
 
-def ask_real_walks() -> list[Asked]:
-    """All bounds."""
-    ours = partial(Asked, variant=INERTIAL)
-    found = [
+OURS = partial(Asked, variant=INERTIAL)
+BOUNDS = {  # mean and median
+    (LABELLED, RMSE): (0.060, 0.045), (LABELLED, SPACE): (0.100, 0.070), (DETECTED, RMSE): (0.061, 0.043),
+    (DETECTED, SPACE): (0.078, np.inf), ("gdin", RMSE): (0.31, np.inf), ("gdlbio", RMSE): (0.20, 0.10),
+    ("gdlbio run", RMSE): (np.inf, 1.5),
+}  # fmt: skip
+REAL_ASKED = (
+    *(
         Asked(key, how, high=PYSHOE[how][k], section=LABELLED, variant=IEZ)
         for k, key in enumerate((RMSE, SPACE))
         for how in PYSHOE
-    ]
-    bounds = [
-        (LABELLED, RMSE, 0.060, 0.045), (LABELLED, SPACE, 0.100, 0.070), (DETECTED, RMSE, 0.061, 0.043),
-        (DETECTED, SPACE, 0.078, np.inf), ("gdin", RMSE, 0.31, np.inf), ("gdlbio", RMSE, 0.20, 0.10),
-        ("gdlbio run", RMSE, np.inf, 1.5),
-    ]  # fmt: skip
-    for section, key, mean, median in bounds:
-        found += [ours(key, "mean", high=mean, section=section), ours(key, "median", high=median, section=section)]
-    for section in (LABELLED, "gdin"):
-        found.append(ours("scale", "median", 0.99, 1.01, section))
-    found += [
-        ours(NEES, "median", 1 / 3.0, 3.0, LABELLED),
-        ours(SPACE, "p95", high=0.588, section=DETECTED),
-        ours(SPACE, "worst", high=2.0, section=DETECTED),
-        ours("miscounted", "sum", high=2, section="gdin", pattern="{:.0f}"),
-        ours("miscounted", "sum", high=2, section="gdlbio run", pattern="{:.0f}"),
-        ours("off, unseen", "sum", high=0, pattern="{:.0f}"),
-        ours("closure_percent", "median", high=0.7, section="loops"),
-        ours(GROUND, "mean", high=0.15, section="mti round"),
-        ours(GROUND, "mean", high=0.8, section="corridor"),
-        ours(Z, "mean", high=0.25, section="mti round"),
-        ours(Z, "mean", high=0.3, section="mti stairs"),
-        ours(Z, "worst", high=0.5, section=f"mems{AIR}"),
-        *(ours("z_ratio", "rms", 0.5, 1.5, section) for section in ("mti round", "mti stairs")),
-        *(ours(UNUSABLE, "sum", high=1, section=s, pattern="{:.0f}") for s in ("mti round", "mti stairs")),
-        *(ours("trusted", "sum", 9, section=s, pattern="{:.0f}") for s in ("mti round", "mti stairs")),
-    ]
-    return found
-
+    ),
+    *(
+        OURS(key, how, high=high, section=section)
+        for (section, key), both in BOUNDS.items()
+        for how, high in zip(("mean", "median"), both, strict=True)
+    ),
+    *(OURS("scale", "median", 0.99, 1.01, section) for section in (LABELLED, "gdin")),
+    OURS(NEES, "median", 1 / 3.0, 3.0, LABELLED),
+    OURS(SPACE, "p95", high=0.588, section=DETECTED),
+    OURS(SPACE, "worst", high=2.0, section=DETECTED),
+    *(OURS("miscounted", "sum", high=2, section=one, pattern="{:.0f}") for one in ("gdin", "gdlbio run")),
+    OURS("off, unseen", "sum", high=0, pattern="{:.0f}"),
+    OURS("closure_percent", "median", high=0.7, section="loops"),
+    OURS(GROUND, "mean", high=0.15, section="mti round"),
+    OURS(GROUND, "mean", high=0.8, section="corridor"),
+    OURS(Z, "mean", high=0.25, section="mti round"),
+    OURS(Z, "mean", high=0.3, section="mti stairs"),
+    OURS(Z, "worst", high=0.5, section=f"mems{AIR}"),
+    *(OURS("z_ratio", "rms", 0.5, 1.5, section) for section in ("mti round", "mti stairs")),
+    *(OURS(UNUSABLE, "sum", high=1, section=s, pattern="{:.0f}") for s in ("mti round", "mti stairs")),
+    *(OURS("trusted", "sum", 9, section=s, pattern="{:.0f}") for s in ("mti round", "mti stairs")),
+)
 
 # --- tables of real walks --------------------------------------------------------------------------------------------
 
@@ -336,13 +302,11 @@ def write_passes(table: Table) -> list[str]:
     plain, aided, filtered = table.of("mtig", INERTIAL), table.of(f"mtig{AIR}", INERTIAL), table.of("mtig", IEZ)
     rows = []
     for walk, row in plain.items():
-        cells = [cell for one in (row, aided[walk]) for cell in (f"{one[GROUND]:.2f}", _height(one))]
+        cells = []
+        for one in (row, aided[walk]):
+            cells += [f"{one[GROUND]:.2f}", f"{one[Z]:+.2f} ± {abs(one[Z] / one['z_ratio']):.2f}"]
         rows.append([f"`{walk}`", *cells, f"{filtered[walk].get(GROUND, np.inf):.2f}", row["verdict"]])
     return write_table(heads, rows)
-
-
-def _height(row: Mapping[str, Any]) -> str:
-    return f"{row[Z]:+.2f} ± {abs(row[Z] / row['z_ratio']):.2f}"
 
 
 def write_behind(table: Table) -> list[str]:
@@ -371,18 +335,7 @@ PARTS: Mapping[str, SmootherParameters] = {
 }
 """The smoother without one of its parts."""
 
-PART_SECTIONS = (
-    LABELLED,
-    "gdin",
-    "gdlbio",
-    "gdlbio run",
-    "loops",
-    "mti round",
-    "mti stairs",
-    "corridor",
-    "mems",
-    "mtig",
-)
+PART_SECTIONS = [one for one in SECTIONS if AIR not in one and one not in (DETECTED, "running")]
 PART_COLUMNS = (
     *(Column(key, f"{key} {how}", how) for key in (RMSE, SPACE) for how in ("mean", "median")),
     *(Column(key, f"{key} median", "median", "{:.4f}") for key in ("scale", NEES, "closure_percent")),
@@ -428,127 +381,6 @@ def write_parts(table: Table) -> list[str]:
     return write_table(["smoother", *heads], rows)
 
 
-# --- do the sigmas hold ----------------------------------------------------------------------------------------------
-
-FOOTPRINT_SIGMA_M, CAPTURE_SIGMA_M = 0.01, 0.001  # A foot on a mark on the floor, and a marker on a shoe.
-LEGS_M, TURNED_DEG = (50.0, 120.0), 60.0
-WITHIN_S = 0.3  # A footprint is that of the stance so near to its instant; else its stance was not found.
-SIMULATED = {
-    f"simulated, {field or 'no magnetometer'}, heading {'given' if given else 'not given'}": (field, given)
-    for field in (None, "smooth", "indoor")
-    for given in (True, False)
-}
-
-
-def list_coverage(chosen: Namespace) -> list[Task]:
-    """Real walks without their magnetometer, gdin with it too, and simulated ways."""
-    data, tasks = walks.data_folder(chosen.data), []
-    for section, with_mag in (("vicon", False), ("gdin", False), ("gdin, magnetometer", True), ("gdlbio", False)):
-        some = walks.list_set(data, section.partition(",")[0])
-        tasks += [Task(section, one.name, partial(cover_real, one, with_mag)) for one in some]
-    for section, (field, given) in SIMULATED.items():
-        way = partial(cover_way, chosen.length, chosen.feet, field, given)
-        tasks += [Task(section, f"{seed}", partial(way, seed)) for seed in harness.seeds_of(chosen)]
-    return tasks
-
-
-def cover_real(real: Real, with_mag: bool) -> Found:
-    """Measure one real walk; with its magnetometer the heading at the start is not given."""
-    walk = real.prepare(Options() if with_mag else None)
-    return {"smoother": attempt(partial(cover, walk, None if with_mag else 0.0, None))}
-
-
-def cover_way(length_m: float, feet: Any, field: str | None, given: bool, seed: int) -> Found:
-    """Measure one simulated way; without a field the heading given or not differs in what is open alone."""
-    demo = preset("demo")
-    assert demo.mag is not None
-    gyr = replace(demo.gyr, bias_sd=float(np.deg2rad(0.15)), drift=Drift(walk=float(np.deg2rad(6e-4))), scale_sd=0.0)
-    sensor = replace(demo, rate_hz=100.0, gyr=gyr, mag=replace(demo.mag, rate_hz=100.0, noise_sd_uT=0.5))
-
-    def draw_route(rng: np.random.Generator) -> list[Section]:
-        """Straight legs, standing before and after."""
-        legs = max(round(length_m / float(np.mean(LEGS_M))), 1)
-        heading = np.deg2rad(rng.uniform(-TURNED_DEG, TURNED_DEG, legs))
-        moves = rng.uniform(*LEGS_M, legs)[:, None] * np.stack([np.sin(heading), np.cos(heading)], axis=1)
-        path = polyline(np.vstack([np.zeros(2), np.cumsum(moves, axis=0)]), 1.2).scale_to(length_m)
-        return [Stand(5.0), Walking(path), Stand(5.0)]
-
-    base = replace(
-        scenario("demo"),
-        name="way",
-        route=draw_route,
-        worn="heel",
-        sensor=sensor if field else replace(sensor, mag=None),
-    )
-    recording = simulate(base, seed, Choices(field=field or "homogeneous", feet=feet)).recording
-    assert isinstance(recording.truth, TrajectoryTruth)
-    assert recording.truth.nav_R_body is not None
-    heading_deg = float(np.rad2deg(compute_heading(recording.truth.nav_R_body[0])))
-    options = Options(heading_deg=heading_deg if given or field is None else None)
-    walk = prepare_walk(Walk.of(recording, options))
-    return {"smoother": attempt(partial(cover, walk, walk.options.heading_rad, field is not None or given))}
-
-
-def cover(walk: Walk, heading: float | None, is_aligned: bool | None) -> Figures:
-    """Smooth a walk, and measure its errors over their claim where the truth saw it.
-
-    `is_aligned` is that of a simulated truth, which saw all footfalls with their attitudes; None with a real one, which
-    has a frame of its own. Raises `EvaluationError` where that saw fewer than `FEWEST`.
-    """
-    smoothed = smooth_graph(walk.recording, walk.stances, heading=heading, field=walk.field)
-    solution = smoothed.solution
-    truth = walk.recording.truth if walk.truth is None else walk.truth
-    assert truth is not None
-    row, place = find_seen(solution, walk.stances, truth)
-    if len(row) < FEWEST:
-        raise EvaluationError(f"the truth saw {len(row)} footfalls: {FEWEST} are needed.")
-    if is_aligned is None:
-        planar = isinstance(truth, FootprintTruth)
-        seen = Seen(row, place, FOOTPRINT_SIGMA_M if planar else CAPTURE_SIGMA_M, not planar, None, False)
-    else:
-        assert isinstance(truth, TrajectoryTruth)
-        assert truth.nav_R_body is not None
-        seen = Seen(row, place, 0.0, True, truth.nav_R_body[solution.stances.sample[row]], is_aligned)
-    found = joint_errors.measure_errors(solution.stances, smoothed.joint, seen)
-    return {
-        name: value
-        for kind, one in found.items()
-        for name, value in ((kind, one.inside), (f"{kind} end", float(one.ends_inside)), (f"{kind} ratio", one.ratio))
-    }
-
-
-def find_seen(solution: Solution, stances: Stances, truth: Truth) -> tuple[Ints, Floats]:
-    """Rows of the stance table that a truth saw, and true places (M, 3) m, of footprints with heights of zero."""
-    if isinstance(truth, TrajectoryTruth):
-        return interpolate_truth(truth, solution.stances.t)
-    if truth.t is None:
-        match = match_footprints(solution.stances.position[:, :2], truth)
-        return match.stance[match.found], lift_to_space(truth.xy[match.found])
-    instant = truth.t[:, None]
-    outside = np.maximum(solution.t[stances.start] - instant, instant - solution.t[stances.stop - 1])
-    nearest = outside.argmin(axis=1)
-    found = outside.min(axis=1) < WITHIN_S
-    row, first = np.unique(stances.footfall[nearest[found]], return_index=True)
-    return row, lift_to_space(truth.xy[found][first])
-
-
-def write_coverage(table: Table) -> list[str]:
-    """Shares in the region of 95 % and error over sigma, one row a section."""
-    rows = []
-    for section in table.sections:
-        cells = []
-        for kind in FREEDOM:
-            inside = table.values(section, "smoother", kind)
-            ratio = table.values(section, "smoother", f"{kind} ratio")
-            missed = "" if not len(inside) or COVERED[0] <= inside.mean() <= COVERED[1] else ", missed"
-            cells.append(f"{inside.mean():.0%}, {np.median(ratio):.2f}{missed}" if len(inside) else "-")
-        rows.append([section, f"{len(table.of(section, 'smoother'))}", *cells])
-    return write_table(["", "walks", *FREEDOM], rows)
-
-
-COVERED = 0.88, 0.99  # Asked of each share.
-
-
 EXPERIMENTS: Mapping[str, Experiment] = {
     "real-walks": Experiment(
         """Real walks by the smoother without a magnetometer, the filter, and what came with the recordings.
@@ -556,7 +388,7 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         rmse after yaw and position alignment, of footprints after a rigid fit; scale; NEES of the stance positions over
         its expectation. Of closed walks the distance from the first footfall to the last over the ground and up, m, and
         over their sigmas (root mean square: 1 where these are as claimed). Nothing is set by walk.""",
-        list_real_walks,
+        partial(list_tasks, list(SECTIONS), measure_real, METHODS),
         (
             Column(RMSE, "rmse 2-D (m)", MEAN),
             Column(SPACE, "3-D (m)", f"{MEAN} / p95"),
@@ -571,7 +403,7 @@ EXPERIMENTS: Mapping[str, Experiment] = {
             Column("miscounted", "miscounted", "sum", "{:.0f}"),
             Column("trusted", "trusted", "sum", "{:.0f}"),
         ),
-        ask_real_walks(),
+        REAL_ASKED,
         judge=judge_real_walks,
         blocks={
             "real-walks": partial(write_lines, SUMMARY),
@@ -588,26 +420,5 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         options={"parts": option(list(PARTS), "variants", nargs="+", choices=tuple(PARTS), metavar="NAME")},
         blocks={"ablation": write_parts},
         keeps_walks=False,
-    ),
-    "coverage": Experiment(
-        """Do the sigmas hold 95 % of the errors: real walks, and simulated ways that do not come back.
-
-        Ways of 700 m, a sensor in the heel, feet that move on in stance as real ones do. Share of the footfalls whose
-        error lies in the region of 95 %, after the gauge that the walk leaves open (`joint_errors.py`), the mean over
-        the walks; then error over sigma, rms over the footfalls, median over the walks: 1 for true sigmas.""",
-        list_coverage,
-        tuple(
-            column
-            for kind in FREEDOM
-            for column in (Column(kind, kind, "mean", "{:.2f}"), Column(f"{kind} ratio", "/ sigma", "median", "{:.2f}"))
-        ),
-        [Asked(kind, "mean", *COVERED, pattern="{:.2f}") for kind in FREEDOM],
-        seeds=20,
-        first=401,  # of ways that no estimator was tuned on
-        options={
-            "length": option(700.0, "of the simulated ways, m", metavar="M"),
-            "feet": option("moving", "of the simulated ways", choices=FEET),
-        },
-        blocks={"coverage": write_coverage},
     ),
 }

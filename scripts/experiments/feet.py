@@ -11,12 +11,11 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
-import harness
 import numpy as np
 import walks
 from harness import Figure, option
 
-from experiments import Asked, Column, Experiment, Figures, Found, Table, Task, attempt
+from experiments import Asked, Column, Experiment, Figures, Found, Table, Task, attempt, find_truth, list_seeds
 from fg_nav import navigate_feet
 from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
@@ -30,7 +29,6 @@ from fg_nav.smoother import smooth
 from fg_nav.smoother.batch import WalkInput
 from fg_nav.smoother.feet import smooth_feet
 from fg_nav.solution import Solution
-from fg_nav.truth import TrajectoryTruth
 
 SIDES = ("left", "right")
 
@@ -40,20 +38,24 @@ SIDES = ("left", "right")
 
 def list_simulated(chosen: Namespace) -> list[Task]:
     """Each scenario without and with the magnetometer."""
-    return [
-        Task(f"{name}, {'with' if mag else 'without'} magnetometer", f"{seed}", partial(measure_pair, name, mag, seed))
+    words = {False: "without", True: "with"}
+    measures = {
+        f"{name}, {words[mag]} magnetometer": partial(measure_pair, name, mag)
         for name in chosen.scenarios
-        for mag in (False, True)
-        for seed in harness.seeds_of(chosen)
-    ]
+        for mag in words
+    }
+    return list_seeds(chosen, measures)
 
 
 def measure_pair(name: str, with_mag: bool, seed: int) -> Found:
-    """Smooth both feet of a walk alone and together."""
-    walk = simulate_feet(name, seed)
-    feet = {side: prepare_foot(getattr(walk, side).recording, with_mag) for side in SIDES}
-    both = smooth_feet(feet["right"], feet["left"])
-    found: dict[str, Figures] = {}
+    """Smooth both feet of a walk, whose true heading at the start is known, alone and together."""
+    walk, feet = simulate_feet(name, seed), dict[str, WalkInput]()
+    for side in SIDES:
+        recording = getattr(walk, side).recording
+        stances, heading = detect_stances(recording), float(compute_heading(find_truth(recording)[1][0]))
+        field = average_footfall_field(recording, stances) if with_mag else None
+        feet[side] = WalkInput(recording, stances, heading, field)
+    both, found = smooth_feet(feet["right"], feet["left"]), dict[str, Figures]()
     for side, foot in feet.items():
         alone = smooth(foot.recording, foot.stances, heading=foot.heading, field=foot.field)
         for words, solution in (("alone", alone), ("together", getattr(both, side))):
@@ -61,21 +63,10 @@ def measure_pair(name: str, with_mag: bool, seed: int) -> Found:
     return found
 
 
-def prepare_foot(recording: Recording, with_mag: bool) -> WalkInput:
-    """Find the stances and the field of a foot, whose true heading at the start is known."""
-    truth, stances = recording.truth, detect_stances(recording)
-    assert isinstance(truth, TrajectoryTruth)
-    assert truth.nav_R_body is not None
-    field = average_footfall_field(recording, stances) if with_mag else None
-    return WalkInput(recording, stances, float(compute_heading(truth.nav_R_body[0])), field)
-
-
 def measure_foot(solution: Solution, recording: Recording) -> Figures:
     """Errors of the footfalls: position after the best yaw and shift, m, heading less its mean, deg; and the claims."""
-    truth, table = recording.truth, solution.stances
-    assert isinstance(truth, TrajectoryTruth)
-    assert truth.nav_R_body is not None
-    turned = wrap_angle(compute_heading(table.nav_R_body) - compute_heading(truth.nav_R_body[table.sample]))
+    (truth, nav_R_body), table = find_truth(recording), solution.stances
+    turned = wrap_angle(compute_heading(table.nav_R_body) - compute_heading(nav_R_body[table.sample]))
     whole = float(np.angle(np.exp(1j * turned).mean()))
     return {
         "position (m)": rms_position(table.position, truth.position[table.sample]),
@@ -86,9 +77,10 @@ def measure_foot(solution: Solution, recording: Recording) -> Figures:
 
 
 def rms_position(position: Floats, truth: Floats) -> float:
-    """Rms over the ground, m, after the best yaw and shift."""
-    moved = align(position, truth, "yaw").apply(position)
-    return float(np.sqrt(np.mean(np.sum((moved - truth)[:, :2] ** 2, axis=1))))
+    """Rms over the ground, m, after the best yaw and shift, where the truth is known."""
+    seen = np.isfinite(truth).all(axis=1)
+    moved = align(position[seen], truth[seen], "yaw").apply(position[seen])
+    return float(np.sqrt(np.mean(np.sum((moved - truth[seen])[:, :2] ** 2, axis=1))))
 
 
 def judge_feet(table: Table) -> list[Figure]:
@@ -138,10 +130,9 @@ def measure_recorded(left: Path, right: Path) -> Found:
             end = float(np.linalg.norm(np.diff(foot.position[[0, -1], :2], axis=0)))
             if captured.exists():
                 ankle, toe = (np.load(captured)[side[0].upper() + name] for name in ("TIO", "TOE"))
-                end = rms_seen(foot, ankle + INSTEP * (toe - ankle))
+                end = rms_position(foot.position, ankle + INSTEP * (toe - ankle))
             found[f"{side} (m)"] = end
-        clock = {"clock (s)": result.pairing.clock_offset_s, "drift (%)": 100.0 * result.pairing.clock_drift}
-        return {**found, **clock, "verdict": result.verdict.word}
+        return {**found, "drift (%)": 100.0 * result.pairing.clock_drift, "verdict": result.verdict.word}
 
     return {"together": attempt(measure)}
 
@@ -157,15 +148,10 @@ def measure_captured(folder: Path) -> Found:
     both, found = smooth_feet(feet["right"], feet["left"]), dict[str, dict[str, float]](alone={}, together={})
     for k, side in enumerate(SIDES):
         place = places[:, 1 + 3 * k : 4 + 3 * k] * [1.0, -1.0, 1.0]
-        found["alone"][f"{side} (m)"] = rms_seen(smooth(feet[side].recording, feet[side].stances), place)
-        found["together"][f"{side} (m)"] = rms_seen(getattr(both, side), place)
+        alone = smooth(feet[side].recording, feet[side].stances)
+        for words, solution in (("alone", alone), ("together", getattr(both, side))):
+            found[words][f"{side} (m)"] = rms_position(solution.position, place)
     return found
-
-
-def rms_seen(solution: Solution, place: Floats) -> float:
-    """Rms of all samples of a foot, m, against true places (N, 3) where these are known."""
-    seen = np.isfinite(place).all(axis=1)
-    return rms_position(solution.position[seen], place[seen])
 
 
 EXPERIMENTS: Mapping[str, Experiment] = {

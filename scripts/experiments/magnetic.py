@@ -92,5 +92,5 @@ EXPERIMENTS: Mapping[str, Experiment] = {
             "methods": option(list(FLOOR_METHODS), "methods, such as smoother:gate=aiez", nargs="+", metavar="NAME")
         },
         blocks={"magnetometer": write_pairs},
-    ),
+    )
 }

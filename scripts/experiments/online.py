@@ -9,7 +9,6 @@ from argparse import Namespace
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 
 import harness
 import numpy as np
@@ -47,43 +46,29 @@ class Lines:
     heading: Floats
     sigma: Floats
 
-    @property
-    def walked_m(self) -> Floats:
-        """(K,) length of the path to each line."""
-        return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(self.position[:, :2], axis=0), axis=1)))
-
 
 def list_online(chosen: Namespace) -> list[Task]:
     """Recorded and simulated walks."""
-    data = walks.data_folder(chosen.data)
-    tasks = [
-        Task(name, one.name, partial(measure_line, name, f"{one.path}"))
-        for name in REAL
-        for one in walks.list_set(data, name)
-    ]
-    return tasks + [
-        Task(name, f"{seed}", partial(measure_line, name, f"{seed}"))
-        for name in SIMULATED
-        for seed in harness.seeds_of(chosen)
-    ]
+    data, prepared = walks.data_folder(chosen.data), list[tuple[str, str, Recorded | Simulated]]()
+    for name in REAL:
+        prepared += [(name, one.name, Recorded(one.path)) for one in walks.list_set(data, name)]
+    for name in SIMULATED:
+        scenario, _, level = name.rpartition(" ")
+        prepared += [(name, f"{seed}", Simulated(scenario, level, seed)) for seed in harness.seeds_of(chosen)]
+    return [Task(section, walk, partial(measure_lines, source)) for section, walk, source in prepared]
 
 
-def measure_line(section: str, walk: str) -> Found:
-    """Push a walk through with its heading given and not, and run the filter `ma2018` on it where there is a truth."""
-    if section in REAL:
-        prepared = Recorded(Path(walk)).prepare(LOOP)
-    else:
-        scenario, _, level = section.rpartition(" ")
-        prepared = Simulated(scenario, level, int(walk)).prepare(LOOP)
-    found: dict[str, Figures] = {"heading not given": attempt(partial(measure_pushed, prepared, None))}
-    heading = prepared.options.heading_rad
+def measure_lines(source: Recorded | Simulated) -> Found:
+    """Push a walk through with its heading given and not, and run the filter `ma2018` on it where it is simulated."""
+    walk = source.prepare(LOOP)
+    found: dict[str, Figures] = {"heading not given": attempt(partial(measure_pushed, walk, None))}
+    heading = walk.options.heading_rad
     if heading is None:  # of a recorded walk that at which the walk without one ended
-        _, navigator = push_walk(prepared, None)
-        heading = float(compute_heading(navigator.finish().stances.nav_R_body[0]))
-    found["heading given"] = attempt(partial(measure_pushed, prepared, heading))
-    if section not in REAL and prepared.truth is not None:
-        filtered = solve_by("ma2018", replace(prepared, truth=None)).solution
-        found["ma2018"] = {"moment (m)": rms_error(filtered, filtered.stances, prepared.truth)}
+        heading = float(compute_heading(push_walk(walk, None)[1].finish().stances.nav_R_body[0]))
+    found["heading given"] = attempt(partial(measure_pushed, walk, heading))
+    if isinstance(source, Simulated) and walk.truth is not None:
+        filtered = solve_by("ma2018", replace(walk, truth=None)).solution
+        found["ma2018"] = {"moment (m)": rms_error(filtered, filtered.stances, walk.truth)}
     return found
 
 
@@ -95,29 +80,34 @@ def measure_pushed(walk: Walk, heading: float | None) -> Figures:
     off = lines.position - smoothed.position[lines.sample]
     turned = wrap_angle(lines.heading - compute_heading(smoothed.nav_R_body[lines.sample]))
     ratio = np.abs(np.column_stack([off, turned])) / lines.sigma
-    worst, far = ratio.max(axis=1), lines.walked_m > FAR_M
-    gap, share = gap_between(smoothed.stances, polished.stances)
+    worst = ratio.max(axis=1)
+    moves = np.linalg.norm(np.diff(lines.position[:, :2], axis=0), axis=1)
+    far = np.append(0.0, np.cumsum(moves)) > FAR_M
+    # the end and the batch at the footfalls that are in both
+    one, other = smoothed.stances, polished.stances
+    nearest = np.abs(one.t[:, None] - other.t).argmin(axis=0) if len(one.t) else np.zeros(len(other.t), dtype=int)
+    apart = np.linalg.norm(one.position[nearest] - other.position, axis=1)[one.sample[nearest] == other.sample]
+    same = np.abs(one.t[nearest] - other.t) < SAME_FOOTFALL_S
     found: dict[str, float] = {
         **{name: float(value) for name, value in zip(COMPONENTS, ratio.max(axis=0), strict=True)},
         "worst": float(worst.max()),
         "beyond 3 (%)": float(100 * (worst > 3.0).mean()),
         "end ratio": compare_ends(lines, smoothed, walk.truth),
-        "gap (m)": gap,
-        "found (%)": 100 * share,
-        "taken back": int((np.abs(smoothed.stances.t[:, None] - lines.t).min(axis=0) > SAME_FOOTFALL_S).sum()),
+        "gap (m)": float(apart.max(initial=0.0)),
+        "found (%)": 100 * float(same.mean()),
+        "taken back": int((np.abs(one.t[:, None] - lines.t).min(axis=0) > SAME_FOOTFALL_S).sum()),
     }
     found |= {"typical": float(np.median(worst[far]))} if far.any() else {}
     if isinstance(walk.truth, TrajectoryTruth) and heading is not None:
         assert smoothed.moment is not None
-        tables = (("moment (m)", smoothed.moment), ("smoothed (m)", smoothed.stances), ("batch (m)", polished.stances))
+        tables = (("moment (m)", smoothed.moment), ("smoothed (m)", one), ("batch (m)", other))
         found |= {name: rms_error(polished, table, walk.truth) for name, table in tables}
     return found
 
 
 def push_walk(walk: Walk, heading: float | None) -> tuple[Lines, OnlineNavigator]:
     """Push a walk through in blocks, and keep the lines of its footfalls; further pieces of a standing are none."""
-    recording = walk.recording
-    navigator = OnlineNavigator(OnlineOptions(heading_rad=heading))
+    navigator, recording = OnlineNavigator(OnlineOptions(heading_rad=heading)), walk.recording
     block, lines = max(1, round(BLOCK_S / recording.period_s)), []
     for start in range(0, len(recording), block):
         part = np.s_[start : start + block]
@@ -145,15 +135,6 @@ def compare_ends(lines: Lines, smoothed: Solution, truth: Truth | None) -> float
         off = np.array([last[0] - found.truth[-1], found.error[-1]])
     at_moment, at_end = np.linalg.norm(off[:, :2], axis=1)
     return float(at_moment / at_end)
-
-
-def gap_between(one: StanceTable, other: StanceTable) -> tuple[float, float]:
-    """Largest distance (m) of two tables at the footfalls of `other` that are in both, and the share of these."""
-    nearest = np.abs(one.t[:, None] - other.t).argmin(axis=0) if len(one.t) else np.zeros(len(other.t), dtype=int)
-    exact = one.sample[nearest] == other.sample
-    same = np.abs(one.t[nearest] - other.t) < SAME_FOOTFALL_S
-    apart = np.linalg.norm(one.position[nearest] - other.position, axis=1)[exact]
-    return float(apart.max(initial=0.0)), float(same.mean())
 
 
 def rms_error(solution: Solution, table: StanceTable, truth: Truth) -> float:
@@ -196,5 +177,5 @@ EXPERIMENTS: Mapping[str, Experiment] = {
             ),
         ],
         seeds=20,
-    ),
+    )
 }

@@ -9,17 +9,16 @@ lap: two passes are 0.35 m apart (rms).
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache, partial
 
 import harness
-import joint_errors
 import numpy as np
-from harness import Figure, option
+from harness import option
 
-from experiments import Asked, Column, Experiment, Figures, Found, Table, Task, attempt
-from fg_nav.arrays import Floats
+from experiments import Asked, Column, Experiment, Figures, Found, Task, attempt, find_truth, list_seeds
+from experiments.coverage import JointErrors, Seen
 from fg_nav.calibration.of_recording import Calibration
 from fg_nav.evaluation.comparison import align, interpolate_truth
 from fg_nav.frames import compute_heading, wrap_angle
@@ -33,7 +32,6 @@ from fg_nav.pipeline import Result, prepare_walk, run_method, take_places
 from fg_nav.places import SavedPlaces, locate, trace_signature
 from fg_nav.smoother import SmootherParameters
 from fg_nav.smoother.batch import SmoothedWalk, smooth_graph
-from fg_nav.truth import TrajectoryTruth
 from fg_nav.walk import Options
 from fg_nav.walk import Walk as Prepared
 
@@ -57,15 +55,7 @@ def calibrate(seed: int) -> Calibration:
 
 def start_heading(walk: SimulatedWalk) -> Options:
     """Give the true heading at the start."""
-    return Options(heading_deg=float(np.degrees(compute_heading(find_truth(walk)[1][0]))))
-
-
-def find_truth(walk: SimulatedWalk) -> tuple[TrajectoryTruth, Floats]:
-    """Where the sensor was, and its attitudes (N, 3, 3)."""
-    truth = walk.recording.truth
-    assert isinstance(truth, TrajectoryTruth)
-    assert truth.nav_R_body is not None
-    return truth, truth.nav_R_body
+    return Options(heading_deg=float(np.degrees(compute_heading(find_truth(walk.recording)[1][0]))))
 
 
 def walk_laps(name: str, laps: int) -> tuple[Scenario, int]:
@@ -106,11 +96,16 @@ def move_path(path: Path, seed: int) -> Path:
 CORRIDOR_M, SHORT_M = 32.0, 220.0
 
 
-def walk_corridors(count: int, apart_m: float) -> Callable[[np.random.Generator], list[Section]]:
+def walk_corridors(count: int, apart_m: float) -> Path:
     """So many corridors to the east, walked to and fro."""
     rows = [[(0.0, k * apart_m), (CORRIDOR_M, k * apart_m)][:: -1 if k % 2 else 1] for k in range(count)]
-    path = polyline([corner for row in rows for corner in row], routes.CORNER_M)
-    return lambda _: [Stand(5.0), Walk(path), Stand(5.0)]
+    return polyline([corner for row in rows for corner in row], routes.CORNER_M)
+
+
+def walk_along(path: Path, like: str = "office") -> Scenario:
+    """A scenario with this course."""
+    sections: list[Section] = [Stand(5.0), Walk(path), Stand(5.0)]
+    return replace(scenario(like), route=lambda _: sections)
 
 
 def shorten_open(rng: np.random.Generator) -> list[Section]:
@@ -120,29 +115,28 @@ def shorten_open(rng: np.random.Generator) -> list[Section]:
     return [begin, replace(walk, path=walk.path.part(0.0, SHORT_M), strides=None), end]
 
 
-OPEN = scenario("office-open")
 COURSES: Mapping[str, tuple[Scenario, int]] = {
     "office, 3 laps": walk_laps("office", 3),
     "mall, 3 laps": walk_laps("mall", 3),
     "office, 10 laps": walk_laps("office", 10),
-    "alone, open": (replace(OPEN, name="open", route=shorten_open), 1),
-    "alone, parallel": (replace(OPEN, name="parallel", route=walk_corridors(6, 3.0)), 1),
+    "alone, open": (replace(scenario("office-open"), name="open", route=shorten_open), 1),
+    "alone, parallel": (replace(walk_along(walk_corridors(6, 3.0), "office-open"), name="parallel"), 1),
 }  # fmt: skip
+
+
+SECTIONS = {
+    f"{course}, {level}, heading {'given' if given else 'not given'}": (course, level, given)
+    for course in COURSES
+    for level in ("smooth", "indoor")
+    for given in (True, False)
+}
+ALONE = [section for section in SECTIONS if section.startswith("alone")]
 
 
 def list_returning(chosen: Namespace) -> list[Task]:
     """All courses in both fields, the heading at the start given and not."""
-    return [
-        Task(
-            f"{course}, {level}, heading {words}",
-            f"{seed}",
-            partial(measure_course, course, level, given, chosen.feet, seed),
-        )
-        for course in COURSES
-        for level in ("smooth", "indoor")
-        for given, words in ((True, "given"), (False, "not given"))
-        for seed in harness.seeds_of(chosen)
-    ]
+    measures = {section: partial(measure_course, *case, chosen.feet) for section, case in SECTIONS.items()}
+    return list_seeds(chosen, measures)
 
 
 def measure_course(name: str, level: str, given: bool, feet: Feet | None, seed: int) -> Found:
@@ -161,7 +155,7 @@ def measure_course(name: str, level: str, given: bool, feet: Feet | None, seed: 
 
 def measure_errors(walk: SimulatedWalk, smoothed: SmoothedWalk, laps: int, given: bool) -> Figures:
     """Measure a solution against the truth."""
-    table, (truth, nav_R_body) = smoothed.solution.stances, find_truth(walk)
+    table, (truth, nav_R_body) = smoothed.solution.stances, find_truth(walk.recording)
     row, place = interpolate_truth(truth, table.t)
     found: dict[str, float] = {}
     # rms of the footfalls of each lap, after the best yaw and as started
@@ -170,16 +164,12 @@ def measure_errors(walk: SimulatedWalk, smoothed: SmoothedWalk, laps: int, given
     for mode, words in (("yaw", ""), ("origin", " as started")):
         error = np.linalg.norm((align(table.position, place, mode).apply(table.position) - place)[:, :2], axis=1)
         found[f"all{words}"] = float(np.sqrt(np.mean(error**2)))
-        for k, which in ((0, "lap 1"), (laps - 1, "last lap")):
-            found |= (
-                {which + words: float(np.sqrt(np.mean(error[lap == k] ** 2)))}
-                if laps > 1 and (given or not words)
-                else {}
-            )
+        for k, which in ((0, "lap 1"), (laps - 1, "last lap")) if laps > 1 and (given or not words) else ():
+            found[which + words] = float(np.sqrt(np.mean(error[lap == k] ** 2)))
     if laps > 1:
         found["last / 1"] = found["last lap"] / found["lap 1"]
-    seen = joint_errors.Seen(row, place, 0.001, True, nav_R_body[table.sample], is_aligned=given)
-    found["ratio"] = joint_errors.measure_errors(table, smoothed.joint, seen)["horizontal"].ratio
+    seen = Seen(row, place, 0.001, True, nav_R_body[table.sample], is_aligned=given)
+    found["ratio"] = JointErrors(table, smoothed.joint, seen).measure_places()["horizontal"].ratio
     # footfalls that are said to be at an earlier place, and those that are not
     if table.same_place is not None:
         later = np.flatnonzero(table.same_place >= 0)
@@ -219,7 +209,7 @@ def walk_twice(level: str, length_m: float, seed: int, others: list[int]) -> Fou
     path = (part.reverse() if rng.random() < 0.5 else part).translate(ASIDE_M * rng.standard_normal(2))
     second = simulate(walk_along(path), seed + ANOTHER, Choices(field="homogeneous", calibrated=True))
     # its magnetometer reads the first building's field, as a reading is linear in it
-    truth, nav_R_body = find_truth(second)
+    truth, nav_R_body = find_truth(second.recording)
     place = truth.position + second.origin
     assert second.recording.mag is not None
     change = np.einsum("nji,nj->ni", nav_R_body, first.field.at(place) - second.field.at(place))
@@ -254,34 +244,12 @@ def draw_lap(seed: int) -> Path:
     return walk.path.part(0.0, walk.path.length_m / 3)
 
 
-def walk_along(path: Path) -> Scenario:
-    """The office with this course."""
-    sections: list[Section] = [Stand(5.0), Walk(path), Stand(5.0)]
-    return replace(scenario("office"), route=lambda _: sections)
-
-
 @cache
 def solve_first(seed: int, level: str) -> tuple[SimulatedWalk, SavedPlaces]:
     """Walk twice round the building, and save its places."""
     walk = simulate(walk_along(draw_lap(seed).repeat(2)), seed, Choices(field=level, calibrated=True))
     prepared = prepare_walk(Prepared.of(walk.recording, start_heading(walk)))
     return walk, take_places(prepared, run_method(prepared, "smoother").solution)
-
-
-LAPS = [f"{course}, {level}, heading {words}" for course in ("office, 3 laps", "mall, 3 laps", "office, 10 laps")
-        for level in ("smooth", "indoor") for words in ("given", "not given")]  # fmt: skip
-
-
-def judge_alone(table: Table) -> list[Figure]:
-    """What walks that do not return may lose."""
-    figures = []
-    for section in (one for one in table.sections if one.startswith("alone")):
-        ratio, false = table.values(section, "with", "all", "without"), table.values(section, "with", "false")
-        if len(ratio):
-            figures.append(Figure(section, "worst error over that without", "with", float(ratio.max()), high=1.03))
-            wrong = float(np.sum(false > 0))
-            figures.append(Figure(section, "walks with false ties", "with", wrong, high=0, pattern="{:.0f}"))
-    return figures
 
 
 EXPERIMENTS: Mapping[str, Experiment] = {
@@ -308,13 +276,14 @@ EXPERIMENTS: Mapping[str, Experiment] = {
             Column("landmarks, most", "landmarks, most (m)"),
         ),
         [
-            *(Asked("last / 1", "median", high=1.2, section=one, variant="with") for one in LAPS),
+            *(Asked("last / 1", "median", high=1.2, section=s, variant="with") for s in SECTIONS if s not in ALONE),
             Asked("landmarks, mean", "median", high=0.75, variant="with"),
             Asked("landmarks, most", "median", high=2.0, variant="with"),
+            *(Asked("all", "worst", high=1.03, section=one, variant="with", over="without") for one in ALONE),
+            *(Asked("false", "sum", high=0, section=one, variant="with", pattern="{:.0f}") for one in ALONE),
         ],
         seeds=20,
         options={"feet": option("still", "of the simulated walks", choices=FEET)},
-        judge=judge_alone,
     ),
     "saved-places": Experiment(
         """A second walk on the saved places of a first: where it begins, and that it begins nowhere in another

@@ -9,12 +9,11 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-import harness
 import numpy as np
 import walks
 from harness import option
 
-from experiments import Asked, Column, Experiment, Figures, Found, Task, attempt
+from experiments import Asked, Column, Experiment, Figures, Found, Task, attempt, find_truth, list_seeds
 from fg_nav.arrays import Bools, Floats
 from fg_nav.frames import yaw_rotation
 from fg_nav.io import read, read_gnss
@@ -32,47 +31,38 @@ from fg_nav.pocket import (
     smooth_pocket,
 )
 from fg_nav.recording import Recording
-from fg_nav.truth import FixColumns, Gnss, TrajectoryTruth, find_turn
+from fg_nav.truth import FixColumns, Gnss, find_turn
 from fg_nav.walk import Options, Walk
-
-Estimate = Callable[[Recording, PocketStart], PocketTrack]
 
 # --- gyro bias -------------------------------------------------------------------------------------------------------
 
 WITHIN_DEG_S, FROM_S, STREET_M = 0.02, 60.0, 500.0
-AFTER_S = (60, 300, 600, 2300)
+AFTER_S = (60, 2300)
 FIELDS = ("equator", "munich", "street", "past-cars")
 
 
 def list_biases(chosen: Namespace) -> list[Task]:
     """The walks of each seed in each field."""
-    seeds = harness.seeds_of(chosen)
-    return [Task(name, f"{seed}", partial(find_bias, name, chosen.noise, seed)) for name in FIELDS for seed in seeds]
+    return list_seeds(chosen, {name: partial(find_bias, name, chosen.noise) for name in FIELDS})
 
 
 def find_bias(name: str, noise_uT: float, seed: int) -> Found:
     """What each method, given the noise of the magnetometer, finds in a field."""
-    walk = (
-        simulate("pocket-past-cars", seed)
-        if name == "past-cars"
-        else simulate("pocket-street", seed, Choices(aligned=True))
-    )
-    fields: Mapping[str, Callable[[], Field]] = {
-        "past-cars": lambda: walk.field,
-        "street": lambda: street(Homogeneous(FIELDS_UT["equator"]), STREET_M),
-    }
-    field = fields.get(name, lambda: Homogeneous(FIELDS_UT[name]))()
+    if name == "past-cars":
+        walk = simulate("pocket-past-cars", seed)
+        field: Field = walk.field
+    else:
+        walk = simulate("pocket-street", seed, Choices(aligned=True))
+        field = Homogeneous(FIELDS_UT["equator" if name == "street" else name])
+        field = street(field, STREET_M) if name == "street" else field
     recording = replace_field(walk, field, noise_uT, np.random.default_rng((seed, FIELDS.index(name))))
-    truth = recording.truth
-    assert isinstance(truth, TrajectoryTruth)
-    assert truth.nav_R_body is not None
-    start, last = PocketStart(truth.nav_R_body[0], math.radians(0.5)), truth.nav_R_body[-1]
+    nav_R_body = find_truth(recording)[1]
+    start, last = PocketStart(nav_R_body[0], math.radians(0.5)), nav_R_body[-1]
     graph, paper = PocketSmootherParameters(mag_sigma_uT=noise_uT), PocketParameters(mag_sigma_uT=noise_uT)
     methods: Mapping[str, Callable[[], PocketTrack]] = {
         "online": lambda: follow_pocket(recording, graph, start),
         "batch": lambda: smooth_pocket(recording, graph, start),
         "paper": lambda: estimate_pocket(recording, paper, start),
-        "paper, quarter": lambda: estimate_pocket(recording, replace(paper, shortest_difference_s=0.25), start),
     }
 
     def judge(run: Callable[[], PocketTrack]) -> Figures:
@@ -119,6 +109,9 @@ def measure_pocket(path: Path) -> Found:
     place, sigma = np.array([fix.position[:2] for fix in kept]), np.array([fix.horizontal_sigma_m for fix in kept])
     first, half, minute = t < t[0] + 0.1 * (t[-1] - t[0]), np.arange(len(t)) % 2 == 0, (t // 30.0) % 2 == 0
 
+    def distance(path: Floats, where: Bools) -> float:
+        return float(np.linalg.norm(path - place, axis=1)[where].mean())
+
     def by_sensor() -> Figures:
         walked, metres, _ = solve(recording, None, t)
         given = FixColumns(t[first], place[first], sigma[first])
@@ -127,8 +120,8 @@ def measure_pocket(path: Path) -> Found:
         middle = np.median((place - north)[first], axis=0)
         return {
             "metres": metres / float(np.linalg.norm(np.diff(place[::5], axis=0), axis=1).sum()),
-            "rigid (m)": mean_distance(walked @ yaw_rotation(turn)[:2, :2].T + shift, place, ~first),
-            "north (m)": mean_distance(north + middle, place, ~first),
+            "rigid (m)": distance(walked @ yaw_rotation(turn)[:2, :2].T + shift, ~first),
+            "north (m)": distance(north + middle, ~first),
         }
 
     def by_fixes() -> Figures:
@@ -136,7 +129,7 @@ def measure_pocket(path: Path) -> Found:
         for name, used in (("first (m)", first), ("held (m)", half), ("30 s (m)", minute)):
             some = replace(gnss, fixes=tuple(fix for fix, use in zip(kept, used, strict=True) if use))
             fused, _, start = solve(recording, some, t)
-            found[name] = mean_distance(fused + start, place, ~used)
+            found[name] = distance(fused + start, ~used)
         return found
 
     return {"sensor": attempt(by_sensor), "with fixes": attempt(by_fixes)}
@@ -155,11 +148,6 @@ def solve(recording: Recording, gnss: Gnss | None, at: Floats) -> tuple[Floats, 
     degrees = start["latitude_deg"], start["longitude_deg"]
     east, north, _ = geodetic2enu(*degrees, 0.0, gnss.latitude_deg, gnss.longitude_deg, 0.0)
     return place, found.metrics.distance_m, np.array([east, north])
-
-
-def mean_distance(path: Floats, place: Floats, where: Bools) -> float:
-    """Mean distance, m, to places (K, 2) where asked for."""
-    return float(np.linalg.norm(path - place, axis=1)[where].mean())
 
 
 EXPERIMENTS: Mapping[str, Experiment] = {

@@ -20,7 +20,7 @@ it is off by a tenth of the way, or by three sigmas and 1 % of the way.
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -35,7 +35,6 @@ from experiments import Column, Experiment, Figures, Found, Table, Task
 from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
 from fg_nav.errors import FgNavError
-from fg_nav.io import read_raw
 from fg_nav.lab.simulation import simulate
 from fg_nav.pipeline import prepare_walk, run_method
 from fg_nav.recording import RawRecording, Recording
@@ -47,20 +46,10 @@ WORDS = (TRUSTED, DOUBTFUL, UNUSABLE, REFUSED)
 GOOD, CLIPPED, MTI1 = "good", "clipped", "mti1_loops"
 WALKED = (GOOD, MTI1, "mems_foot", "mtig710", "corridor_lab", "gdlbio run")
 ASKED_SHARE, ASKED_MTI1 = 0.95, 18 / 24
-CLOSED = (
-    "square",
-    "rectangle",
-    "large",
-    "c_shape",
-    "lap_360",
-    "five_small",
-    "hallway",
-    "stairs",
-    "lab_corridor",
-    "openshoe",
-    "xio",
-)
+CLOSED = ("square", "rectangle", "large", "c_shape", "lap_360", "five_small", "hallway", "stairs", "lab_corridor",
+          "openshoe", "xio")  # fmt: skip
 SEGMENTS = ("upper_leg_left", "upper_leg_right", "hand_right", "forearm_left", "head", "hip")
+NO_WALKS = {"by hand": "broad/*.mat", "crawling": "vicon/2018-02-09*.mat", "worn elsewhere": "ridi_leg/*leg2.csv"}
 FIRST_SEED = 301
 
 Load = Callable[[], RawRecording]
@@ -68,72 +57,59 @@ Load = Callable[[], RawRecording]
 
 def list_cases(data: Path) -> Iterator[tuple[str, str, Load]]:
     """Yield kind, name and recording of all, good ones first."""
+    simulated = [(f"simulated {seed}", partial(simulate_demo, seed)) for seed in range(FIRST_SEED, FIRST_SEED + 7)]
     sets = ("vicon", "gdin", "running", "gdlbio", "openshoe", "xio")
     real = [one for name in sets for one in walks.list_set(data, name) if not one.name.startswith("2018-02-09")]
-    for one in real:
-        yield GOOD, one.name, one.read_raw
-    for seed in range(FIRST_SEED, FIRST_SEED + 7):
-        yield GOOD, f"simulated {seed}", partial(_simulate, seed)
+    yield from ((GOOD, one.name, one.read_raw) for one in real)
+    yield from ((GOOD, name, load) for name, load in simulated)
     # walks on other sensors
     for kind, name in ((MTI1, "mti round"), (MTI1, "mti stairs"), ("gdlbio run", "gdlbio run")):
-        for one in walks.list_set(data, name):
-            yield kind, one.name, one.read_raw
+        yield from ((kind, one.name, one.read_raw) for one in walks.list_set(data, name))
     for folder in ("mems_foot", "mtig710", "corridor_lab"):
         for path in sorted((data / folder).glob("*.csv.gz")):
             name = path.name.removesuffix(".csv.gz")
             if not name.endswith((".baro", ".gnss")) and "still" not in name:
-                yield "high-passed" if name == "lap_high_passed" else folder, name, partial(_read, path)
+                yield "high-passed" if name == "lap_high_passed" else folder, name, walks.Real(name, path).read_raw
     # no walks
-    no_walks = [
-        ("by hand", "broad/*.mat"),
-        ("crawling", "vicon/2018-02-09*.mat"),
-        ("worn elsewhere", "ridi_leg/*leg2.csv"),
-    ]
-    for kind, pattern in no_walks:
-        for path in sorted(data.glob(pattern)):
-            yield kind, path.stem, partial(_read, path)
-    for segment in SEGMENTS:
-        yield "worn elsewhere", segment, partial(_read_segment, data, segment)
+    for kind, pattern in NO_WALKS.items():
+        yield from ((kind, path.stem, walks.Real(path.stem, path).read_raw) for path in sorted(data.glob(pattern)))
+    yield from (("worn elsewhere", segment, partial(read_segment, data, segment)) for segment in SEGMENTS)
     # spoiled ones
     for k, one in enumerate(real[::8][:6]):
-        yield CLIPPED, one.name, partial(_spoil, one.read_raw, clip)
-        yield "20 Hz", one.name, partial(_spoil, one.read_raw, thin_out)
-        yield (
-            "loose",
-            f"simulated {FIRST_SEED + k}",
-            partial(_spoil, partial(_simulate, FIRST_SEED + k), partial(loosen, k)),
-        )
         change = (-np.eye(3), np.eye(3)[[1, 0, 2]], np.diag([1.0, 1.0, -1.0]))[k % 3]
-        yield "wrong axes", one.name, partial(_spoil, one.read_raw, partial(turn_gyr, change))
+        name, load = simulated[k]
+        yield CLIPPED, one.name, partial(spoil, clip, one.read_raw)
+        yield "20 Hz", one.name, partial(spoil, thin_out, one.read_raw)
+        yield "loose", name, partial(spoil, partial(loosen, k), load)
+        yield "wrong axes", one.name, partial(spoil, partial(turn_gyr, change), one.read_raw)
 
 
 def list_verdicts(chosen: Namespace) -> list[Task]:
     """All recordings, or one in so many."""
     cases = list(list_cases(walks.data_folder(chosen.data)))[:: chosen.every]
-    return [Task(kind, name, partial(judge_case, name, load, tuple(chosen.methods))) for kind, name, load in cases]
+    return [Task(kind, name, partial(judge_walk, name, load, chosen.methods)) for kind, name, load in cases]
 
 
-def judge_case(name: str, load: Load, methods: tuple[str, ...]) -> Found:
-    """Estimate a recording by each method, and judge the paths."""
-    return {method: judge_walk(name, load, method) for method in methods}
+def judge_walk(name: str, load: Load, methods: Sequence[str]) -> Found:
+    """Estimate a recording by each method: word, reasons, error and sigma of the end and the way, m."""
 
+    def judge(method: str) -> Figures:
+        try:
+            walk = prepare_walk(Walk.of(Recording.from_raw(load()), Options(mount="foot")))
+            outcome = run_method(walk, method)
+            verdict = judge_path(walk, outcome.solution)
+        except FgNavError as refusal:
+            return {"word": REFUSED, REFUSED: 1, "reasons": str(refusal)}
+        table, error = outcome.solution.stances, outcome.metrics.end_error_m
+        if error is None and any(word in name for word in CLOSED):
+            error = float(np.hypot(*(table.position[-1] - table.position[0])[:2]))
+        way = float(np.hypot(*np.diff(table.position[:, :2], axis=0).T).sum())
+        sigma = float(np.hypot(*table.position_sigma[-1, :2]))
+        wrong = error is not None and (error > 3.0 * np.hypot(sigma, 0.01 * way / 3.0) or error > 0.1 * way)
+        return {"word": verdict.word, verdict.word: 1, "error_m": error, "sigma_m": sigma, "way_m": way,
+                "wrong": int(wrong), "reasons": "; ".join(verdict.reasons)}  # fmt: skip
 
-def judge_walk(name: str, load: Load, method: str) -> Figures:
-    """Word, reasons, error and sigma of the end and the way, m."""
-    try:
-        walk = prepare_walk(Walk.of(Recording.from_raw(load()), Options(mount="foot")))
-        outcome = run_method(walk, method)
-        verdict = judge_path(walk, outcome.solution)
-    except FgNavError as refusal:
-        return {"word": REFUSED, REFUSED: 1, "reasons": str(refusal)}
-    table, error = outcome.solution.stances, outcome.metrics.end_error_m
-    if error is None and any(word in name for word in CLOSED):
-        error = float(np.hypot(*(table.position[-1] - table.position[0])[:2]))
-    way = float(np.hypot(*np.diff(table.position[:, :2], axis=0).T).sum())
-    sigma = float(np.hypot(*table.position_sigma[-1, :2]))
-    wrong = error is not None and (error > 3.0 * np.hypot(sigma, 0.01 * way / 3.0) or error > 0.1 * way)
-    return {"word": verdict.word, verdict.word: 1, "error_m": error, "sigma_m": sigma, "way_m": way,
-            "wrong": int(wrong), "reasons": "; ".join(verdict.reasons)}  # fmt: skip
+    return {method: judge(method) for method in methods}
 
 
 def judge_verdicts(table: Table) -> list[Figure]:
@@ -160,22 +136,21 @@ def judge_verdicts(table: Table) -> list[Figure]:
 # --- making them -----------------------------------------------------------------------------------------------------
 
 
-def _read(path: Path) -> RawRecording:
-    return replace(read_raw(path), mag=None)
-
-
-def _spoil(load: Load, change: Callable[[RawRecording], RawRecording]) -> RawRecording:
+def spoil(change: Callable[[RawRecording], RawRecording], load: Load) -> RawRecording:
+    """Change a recording where it is read."""
     return change(load())
 
 
-def _read_segment(data: Path, name: str) -> RawRecording:
+def read_segment(data: Path, name: str) -> RawRecording:
+    """Read the sensor of one segment of the whole body."""
     body = scipy.io.loadmat(data / "qmt_fullbody" / "full_body_example_data.mat", simplify_cells=True)
     within = (body["t"] >= 40.0) & (body["t"] <= 140.0)
     acc, gyr = (np.asarray(body[name][sensor], dtype=np.float64)[within] for sensor in ("acc", "gyr"))
     return RawRecording(body["t"][within] - body["t"][within][0], acc, gyr, np.arange(len(acc)))
 
 
-def _simulate(seed: int) -> RawRecording:
+def simulate_demo(seed: int) -> RawRecording:
+    """Simulate a good walk."""
     recording = simulate("demo", seed).recording
     return RawRecording(recording.t, recording.acc, recording.gyr, np.arange(len(recording)), truth=recording.truth)
 
@@ -230,5 +205,5 @@ EXPERIMENTS: Mapping[str, Experiment] = {
             "methods": option(["smoother"], "methods", nargs="+", metavar="NAME"),
         },
         judge=judge_verdicts,
-    ),
+    )
 }

@@ -44,16 +44,7 @@ from fg_nav.online import follow
 from fg_nav.report.terminal import progress
 from fg_nav.verdict import UNUSABLE
 
-FAULTS = (
-    "crash",
-    "hang",
-    "exception",
-    "warning",
-    "not finite",
-    "sigma",
-    "absurd",
-    "other",
-)  # none is asked
+FAULTS = ("crash", "hang", "exception", "warning", "not finite", "sigma", "absurd", "other")  # none is asked
 LIMIT_S = 180.0  # on the wall, of an input
 MEMORY_BYTES = 8 << 30  # of address space that a case may take
 
@@ -90,8 +81,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print_fates(fates)
     sorts = [next((sort for sort in FAULTS if words.startswith(sort)), "other") for f in fates for words in f.faults]
     figures = [Figure("fuzz", s, "all", float(sorts.count(s)), high=0.0, pattern="{:.0f}") for s in FAULTS]
-    harness.print_figures(figures)
-    harness.print_verdict(figures, chosen.json, faults=[describe_fault(fate) for fate in fates if fate.faults])
+    harness.report_figures(figures, chosen.json, faults=[describe_fault(fate) for fate in fates if fate.faults])
 
 
 def open_store(folder: Path, data: Path | None) -> Store:

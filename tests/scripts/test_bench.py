@@ -6,18 +6,25 @@ from fg_nav.errors import SimulationError
 from tests.scripts import load_script
 from tests.simulated import straight_walk
 
-benchmark = load_script("bench.benchmark")
-online = load_script("bench.online")
-commands = load_script("bench.commands")
+cost = load_script("experiments.cost")
+peers = load_script("experiments.peers")
+experiments = load_script("experiments")
 
 
 def test_ratios_are_judged_within_one_run() -> None:
     us = {"bare loop": 2.0, "smooth": 2.8, "iez": 1.0, "with": 3.0, "without": 1.0}
-    figures = {figure.name: figure for figure in benchmark.judge_costs({"1 min": us, "2 min": {**us, "smooth": 5.6}})}
-    assert figures["smooth over bare loop, 1 min"].mark == "ok"
-    assert figures["smooth over bare loop, 2 min"].mark == "missed"
-    assert figures["smooth a sample, 2 min over 1 min"].measured == pytest.approx(2.0)
-    assert figures["with over without, 1 min"].mark == "missed"
+    rows = [
+        {"section": walk, "walk": "1", "variant": name, "us": {**us, **more}[name]}
+        for walk, more in (("1 min", {}), ("2 min", {"smooth": 5.6}))
+        for name in us
+    ]
+    table = experiments.Table(rows)
+    figures = [one for asked in cost.EXPERIMENTS["cost"].asked for one in asked.judge(table)]
+    marks = {(one.section, one.method, one.name): one.mark for one in figures}
+    assert marks["1 min", "smooth", "us, mean, over bare loop"] == "ok"
+    assert marks["2 min", "smooth", "us, mean, over bare loop"] == "missed"
+    assert marks["1 min", "with", "us, mean, over without"] == "missed"
+    assert [one.measured for one in cost.judge_samples(table)] == [pytest.approx(2.0)]
 
 
 def test_the_bare_loop_takes_every_sample(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -30,22 +37,30 @@ def test_the_bare_loop_takes_every_sample(monkeypatch: pytest.MonkeyPatch) -> No
         def integrateMeasurement(self, acc: object, gyr: object, h: float) -> None:
             taken.append(h)
 
-    monkeypatch.setattr(benchmark.gtsam, "PreintegratedImuMeasurementsG", Counting)
-    benchmark.run_bare_loop(recording)
+    monkeypatch.setattr(cost.gtsam, "PreintegratedImuMeasurementsG", Counting)
+    cost.run_bare_loop(recording)
     assert sum(taken) == pytest.approx(recording.duration_s)
 
 
-def test_the_cost_of_a_footfall_is_printed(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_cost_of_a_footfall_is_measured_by_parts_and_in_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cost, "EARLY", slice(5, 20))
+    monkeypatch.setattr(cost, "EVERY", 20)
+    found = cost.measure_footfalls(0.6, 100.0, 10.0)
+    assert list(found)[:2] == ["0 to 20", "20 to 40"]
+    assert found["all"]["p50"] <= found["all"]["p99"] <= found["all"]["p100"]
+    assert {"late / early", "growth"} < set(found["all"])
+    monkeypatch.setattr(cost, "EARLY", slice(500, 1500))
     with pytest.raises(SimulationError, match="too few for a trend"):
-        online.main(["--minutes", "0.3"])
-    monkeypatch.setattr(online, "EARLY", slice(5, 20))
-    monkeypatch.setattr(online, "EVERY", 20)
-    online.main(["--minutes", "0.6"])
-    assert "memory at the end over that at half" in capsys.readouterr().out
+        cost.measure_footfalls(0.3, 100.0, None)
 
 
 def test_a_command_that_fails_is_named() -> None:
-    cpu, wall, mb = commands.run_command("--help")
-    assert min(cpu, wall, mb) > 0.0
+    assert min(cost.run_command("--help").values()) > 0.0
     with pytest.raises(SimulationError, match="nowhere"):
-        commands.run_command("run", "nowhere.csv")
+        cost.run_command("run", "nowhere.csv")
+
+
+def test_a_program_that_is_not_there_is_named_beside_ours(tmp_path) -> None:
+    found = peers.measure_programs(None, 1, 101)
+    assert 0.0 < found["fg-nav iez"]["rmse_2d_m"] < 0.5
+    assert "--python" in found["gaitmap"]["failure"]

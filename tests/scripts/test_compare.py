@@ -40,7 +40,7 @@ def test_medians_stand_over_the_paper_in_tables_of_the_terminal_s_width(capsys, 
     monkeypatch.setattr(script, "console", lambda: Console(width=80))  # in a pipe there is no width
     theirs = [result("iez", "1", (9, 11)), result("iez", "2", (30, 50))]
     ours = [result(walk="1", at_landmarks=(1, 2)), result(walk="2", at_landmarks=(10, 10), heading_deg=5.0)]
-    script.print_case("mall", {"iez": theirs, "ma2018": ours})
+    script.print_cases([*theirs, *ours])
     printed = capsys.readouterr().out
     assert max(map(len, printed.splitlines())) <= 80
     assert "5.75 (1.9" in printed  # means of 1.5 and 10 m at the landmarks
@@ -51,7 +51,7 @@ def test_medians_stand_over_the_paper_in_tables_of_the_terminal_s_width(capsys, 
 
 def test_a_failed_walk_is_infinitely_wrong_and_named(capsys):
     some = [result(walk=str(k)) for k in range(3)] + [result(walk=str(k), failed="no such walk.") for k in (3, 4)]
-    script.print_case("case", {"ma2018": some})
+    script.print_cases(some)
     script.print_remarks(some)
     printed = capsys.readouterr().out
     assert "3.00 (3.00 to failed)" in printed

@@ -19,6 +19,7 @@ walks = load_script("walks")
 measure = load_script("measure")
 experiments = load_script("experiments")
 accuracy = load_script("experiments.accuracy")
+coverage = load_script("experiments.coverage")
 verdicts = load_script("experiments.verdicts")
 feet = load_script("experiments.feet")
 magnetic = load_script("experiments.magnetic")
@@ -54,8 +55,8 @@ def test_a_figure_is_summed_up_by_its_size_and_a_failure_is_infinitely_bad():
 def test_what_is_asked_is_judged_in_each_section_that_has_it():
     found = list(experiments.Asked("error", "mean", high=1.9, variant="ours").judge(TABLE))
     assert [(one.section, one.mark) for one in found] == [("s", "missed"), ("other", "missed")]
-    [one] = experiments.Asked("error", "geometric mean", high=1.0, section="s", variant="ours", over="iez").judge(TABLE)
-    assert (one.measured, one.mark) == (pytest.approx(np.sqrt(0.75)), "ok")
+    [one] = experiments.Asked("error", "rms", high=1.2, section="s", variant="ours", over="iez").judge(TABLE)
+    assert (one.measured, one.mark) == (pytest.approx(np.sqrt(1.25)), "ok")
 
 
 def test_a_section_measured_anew_takes_the_place_of_what_the_store_has(tmp_path):
@@ -67,22 +68,23 @@ def test_a_section_measured_anew_takes_the_place_of_what_the_store_has(tmp_path)
     assert len(content["rows"]) == 3
     assert content["made"]["other"]["seeds"] == "101 to 102"
     assert set(content["made"]["s"]) == {"date", "commit"}
+    kept = measure.keep_sums(experiment, TABLE)  # where walks are many
+    assert kept.of("s", "ours") == {"2": {"section": "s", "walk": "2", "variant": "ours", "e": 2.0}}
 
 
-def test_sums_are_stored_in_place_of_walks_where_these_are_many():
-    columns = [experiments.Column("error", "e mean", "mean")]
-    kept = measure.keep_sums(experiments.Experiment("about", lambda chosen: [], columns), TABLE)
-    assert kept.of("s", "ours") == {"2": {"section": "s", "walk": "2", "variant": "ours", "e mean": 2.0}}
+def test_sections_are_chosen_by_how_they_begin_and_what_cannot_be_read_has_failed():
+    def refuse():
+        raise EstimationError("no such walk.")
 
-
-def test_every_other_recording_is_kept_back_and_every_seed_stays():
-    tasks = [experiments.Task("a", name, dict) for name in ("x", "y", "z")] + [experiments.Task("b", "101", dict)]
+    tasks = [experiments.Task("ab", "x", refuse), experiments.Task("b", "101", lambda: {"ours": {"error": 1.0}})]
     experiment = experiments.Experiment("about", lambda chosen: tasks, [])
-    halves = {half: [t.walk for t in measure.select_tasks(experiment, measure.parse(experiment, ["--half", half]))]
-              for half in ("seen", "kept")}  # fmt: skip
-    assert halves == {"seen": ["x", "z", "101"], "kept": ["y", "101"]}
+    chosen = measure.select_tasks(experiment, measure.parse(experiment, ["--only", "a"]))
+    assert chosen == tasks[:1]
     with pytest.raises(SimulationError, match="no such section"):
         measure.select_tasks(experiment, measure.parse(experiment, ["--only", "c"]))
+    failed, measured = measure.run_tasks(tasks, 1).rows
+    assert failed == {"section": "ab", "walk": "x", "variant": "all", "failure": "no such walk."}
+    assert measured == {"section": "b", "walk": "101", "variant": "ours", "error": 1.0}
 
 
 def test_an_experiment_that_is_not_there_is_named_and_all_are_listed(capsys):
@@ -153,17 +155,18 @@ def test_walks_behind_passes_and_a_staircase_are_found():
 
 
 def test_a_simulated_way_is_covered_by_its_sigmas():
-    found = accuracy.cover_way(120.0, "moving", None, True, 401)["smoother"]
+    found = coverage.cover_way(120.0, None, True, 401)["smoother"]
     assert "failure" not in found
     assert found["horizontal"] > 0.5
     assert 0.01 < found["horizontal ratio"] < 3.0
 
 
 def test_spoiled_recordings_are_not_trusted():
-    raw = verdicts._simulate(301)
+    raw = verdicts.simulate_demo(301)
+    turned = verdicts.turn_gyr(np.eye(3)[[1, 0, 2]], raw)
     judged = {
-        "good": verdicts.judge_walk("simulated", lambda: raw, "smoother"),
-        "axes": verdicts.judge_walk("simulated", lambda: verdicts.turn_gyr(np.eye(3)[[1, 0, 2]], raw), "smoother"),
+        name: verdicts.judge_walk("simulated", lambda some=some: some, ["smoother"])["smoother"]
+        for name, some in (("good", raw), ("axes", turned))
     }
     assert judged["good"]["word"] == "trusted"
     assert judged["axes"]["word"] != "trusted"
@@ -204,13 +207,10 @@ def test_recordings_are_prepared_as_a_run_does():
     assert surveyed.recording.truth is not None
 
 
-@pytest.mark.parametrize("name", ["vicon", "gdin", "openshoe", "mems"])
-def test_an_empty_folder_is_refused(tmp_path, name):
-    with pytest.raises(FormatError):
-        walks.list_set(tmp_path, name)
-
-
 def test_missing_recordings_are_one_sentence(tmp_path, capsys):
+    for name in ("vicon", "gdin", "openshoe", "mems"):
+        with pytest.raises(FormatError, match="no recording of the set"):
+            walks.list_set(tmp_path, name)
     with pytest.raises(SystemExit) as left:
         harness.run(lambda: measure.main(["real-walks", "--data", str(tmp_path / "nowhere")]))
     assert left.value.code == 1

@@ -31,17 +31,16 @@ def test_a_figure_is_marked_by_what_was_asked(measured, low, high, asked, mark):
     assert (figure.asked, figure.mark) == (asked, mark)
 
 
-def test_what_could_not_be_measured_is_null_in_the_file(tmp_path):
-    figure = harness.Figure("section", "name", "method", float("inf"), high=1.0)
-    harness.write_json(tmp_path / "f.json", {"figures": [figure.as_dict()]})
-    [written] = json.loads((tmp_path / "f.json").read_text())["figures"]
-    assert written["measured"] is None
-    assert (written["high"], written["mark"]) == (1.0, "missed")
-
-
-def test_in_a_pipe_tables_are_plain_text(capsys):
-    harness.print_figures([harness.Figure("section", "some name", "iez", 0.25, high=0.2)])
-    assert capsys.readouterr().out.splitlines()[-1].split() == ["some", "name", "iez", "<=", "0.200", "0.250", "missed"]
+def test_figures_are_plain_text_in_a_pipe_and_null_in_a_file_where_they_could_not_be_measured(tmp_path, capsys):
+    figure = harness.Figure("section", "some name", "iez", float("inf"), high=0.2)
+    harness.report_figures([figure], tmp_path / "f.json", rows=[1])
+    content = json.loads((tmp_path / "f.json").read_text())
+    assert content["rows"] == [1]
+    assert content["figures"] == [{"section": "section", "name": "some name", "method": "iez", "measured": None,
+                                   "low": None, "high": 0.2, "mark": "missed"}]  # fmt: skip
+    out = capsys.readouterr().out
+    assert out.splitlines()[1].split() == ["some", "name", "iez", "<=", "0.200", "inf", "missed"]
+    assert "0 of 1 figures are as asked" in out
 
 
 def test_data_folder_is_the_option_then_the_environment(tmp_path, monkeypatch):
