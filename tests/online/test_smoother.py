@@ -160,7 +160,7 @@ def test_between_re_solves_clipped_peaks_are_as_high_as_the_walk_showed():
     # So the strides since are those of the batch.
     batch = smooth(*vars(part(walk, 18)).values(), FREE).stances
     own, other = (np.diff(table.position[-3:], axis=0) for table in (online.smoothed(), batch))
-    np.testing.assert_allclose(own, other, atol=1e-3)
+    np.testing.assert_allclose(own, other, atol=5e-3)  # of 2.3 m, each with the height of its time
 
 
 # --- the differential field ------------------------------------------------------------------------------------------

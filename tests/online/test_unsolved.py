@@ -65,8 +65,8 @@ NOT_A_NUMBER = partial(np.full_like, fill_value=np.nan)
         (gtsam.ISAM2, "update", 1, 2, None, 1.0),  # and those of the graph that begins again
         (gtsam.ISAM2, "marginalCovariance", 1, 1, None, 1.0),
         (gtsam.ISAM2, "marginalCovariance", 1, 1, NOT_A_NUMBER, 1.0),
-        (window, "initialize_stride", 1, 2, None, 6.0),  # nor has the stride alone: sigmas of a second unseen
-        (window, "initialize_stride", 3, 2, None, 6.0),
+        (window, "initialize_stride", 1, 2, None, 4.0),  # nor has the stride alone: sigmas of a second unseen
+        (window, "initialize_stride", 3, 2, None, 4.0),
     ],
 )
 def test_what_of_a_footfall_has_no_solution(monkeypatch, undisturbed, place, name, footfalls, calls, instead, growth):

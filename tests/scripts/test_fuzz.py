@@ -94,11 +94,11 @@ def test_numbers_that_must_not_be_are_seen() -> None:
     t = np.linspace(0.0, 2.0, 201)
     path = np.column_stack([t, 5.0 * t, 0.0 * t, 0.0 * t])
     strides = pd.DataFrame({"x_m": [0.0, 1.0, 2.0], "y_m": 0.0, "sigma_x_m": [0.0, 0.1, 0.2]})
-    assert list(cases.judge_path(path, strides, unusable=False)) == []
-    fast = list(cases.judge_path(path * [1.0, 3.0, 1.0, 1.0], strides * [5, 5, 1], unusable=False))
+    assert list(cases.judge_path(path, strides, is_marked=False)) == []
+    fast = list(cases.judge_path(path * [1.0, 3.0, 1.0, 1.0], strides * [5, 5, 1], is_marked=False))
     assert fast == ["absurd: 15.0 m/s", "absurd: a stride of 5.0 m"]
     strides.loc[1, "sigma_x_m"], path[3, 1] = 0.0, np.nan
-    words = [words.split(":")[0] for words in cases.judge_path(path, strides, unusable=True)]
+    words = [words.split(":")[0] for words in cases.judge_path(path, strides, is_marked=True)]
     assert words == ["not finite", "sigma not above zero"]
     lines = [{"kind": "now", "t": t, "position_sigma_m": [0.1, 0.1, s]} for t, s in ((1.0, 0.1), (9.0, 0.1))]
     assert [words[:5] for words in cases.judge_loss(lines, 2.0, 5.0)] == ["sigma"]

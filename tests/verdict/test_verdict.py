@@ -354,11 +354,11 @@ def test_a_path_that_runs_off_before_or_behind_all_footfalls_is_not_to_be_used()
 
 def test_a_stride_that_is_longer_than_the_others_is_doubted_and_says_when() -> None:
     path = good().table.position.copy()
-    path[7:] += (3.01 - np.linalg.norm(path[7] - path[6])) * np.array([0.0, 0.0, 1.0])
-    path[7] = path[6] + [0.0, 3.01, 0.0]
+    path[7:] += (3.51 - np.linalg.norm(path[7] - path[6])) * np.array([0.0, 0.0, 1.0])
+    path[7] = path[6] + [0.0, 3.51, 0.0]
     found = judge_path(good().walk, seen(position=path).solution)
     assert found.word == "doubtful"
-    assert any(f"a stride of 3.0 m, at {good().table.t[7]:.1f} s" in reason for reason in found.reasons)
+    assert any(f"a stride of 3.5 m, at {good().table.t[7]:.1f} s" in reason for reason in found.reasons)
 
 
 def test_height_that_changes_like_in_a_fall_for_ten_seconds() -> None:

@@ -147,7 +147,7 @@ def simulate(
     --------
     >>> walk = fg_nav.simulate("demo", seed=1)
     >>> round(walk.recording.duration_s), walk.recording.truth.position.shape == walk.recording.acc.shape
-    (65, True)
+    (63, True)
     """
     outing = Outing.draw(name, seed, choices, person)
     return record_walk(outing, carry_sensor(outing), progress=progress)
