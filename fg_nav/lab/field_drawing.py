@@ -18,8 +18,7 @@ from matplotlib.ticker import MaxNLocator
 from fg_nav.arrays import Floats
 from fg_nav.frames import wrap_angle
 from fg_nav.lab import palette
-from fg_nav.lab.field_survey import SAMPLEWISE, FieldSurvey, SampleSurvey
-from fg_nav.lab.sample_field import WINDOW_S
+from fg_nav.lab.field_survey import SAMPLEWISE, WINDOW_S, FieldSurvey, SampleSurvey
 from fg_nav.magnetic.detectors import OverThreshold
 from fg_nav.report.charts import (
     BLUE,

@@ -6,7 +6,7 @@ import pytest
 from fg_nav.errors import EvaluationError
 from fg_nav.evaluation.comparison import align
 from fg_nav.frames import yaw_rotation
-from fg_nav.lab.landmarks import error_reduction_percent, measure_landmarks
+from fg_nav.lab.walked import error_reduction_percent, measure_landmarks
 from tests.evaluation.walks import solution, winding_path
 
 T = np.linspace(0.0, 40.0, 401)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import chdtr
 
-from fg_nav.lab.sample_field import (
+from fg_nav.lab.field_survey import (
     MATTERS_UT,
     SIGMA_UT,
     WINDOW_S,

@@ -29,12 +29,19 @@ from fg_nav.evaluation.comparison import compare_at_footfalls
 from fg_nav.lab.campaign.methods import method_of, solve_by
 from fg_nav.lab.campaign.walks import LOOP, MIXTURES, NONE, RAW, WALK, Reading, Simulated, Source, UserScenario, unpack
 from fg_nav.lab.consistency import whiten_errors
-from fg_nav.lab.landmarks import measure_landmarks
 from fg_nav.lab.processes import run_tasks
 from fg_nav.lab.simulation import Choices, scenario, simulate
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.results import NOT_USED, USED, Key, Result, read_result, write_result
-from fg_nav.lab.walked import AS_STARTED, BEST_YAW, CLOSURE, measure_errors, measure_walk, path_length_m
+from fg_nav.lab.walked import (
+    AS_STARTED,
+    BEST_YAW,
+    CLOSURE,
+    measure_errors,
+    measure_landmarks,
+    measure_walk,
+    path_length_m,
+)  # fmt: skip
 from fg_nav.magnetic.detectors import QUASI_STATIC
 from fg_nav.pipeline import prepare_walk
 from fg_nav.text import to_json
@@ -273,13 +280,8 @@ def _probe() -> Walk:
 @cache
 def _describe_scenario(name: str, level: str, own: UserScenario | None) -> dict[str, Any]:
     one = Choices(field=level).apply_to(scenario(name) if own is None else own.scenario)
-    description = {
-        "worn": one.worn,
-        "site": one.site,
-        "field": (level, MIXTURES.get(level)),
-        "magnets": one.magnets,
-        "sensor": one.prior,
-    }
+    description: dict[str, Any] = {"worn": one.worn, "site": one.site, "field": (level, MIXTURES.get(level))}
+    description |= {"magnets": one.magnets, "sensor": one.prior}
     if own is not None:
         description |= {"course": own.course, "aligned": one.aligned}
     return dict(to_json(description))

@@ -21,6 +21,7 @@ from fg_nav.errors import MagneticError
 from fg_nav.lab.field_drawing import draw_survey, plot_samples
 from fg_nav.lab.field_survey import (
     SAMPLEWISE,
+    SETTINGS,
     FieldSurvey,
     SampleSurvey,
     parse_detectors,
@@ -28,7 +29,6 @@ from fg_nav.lab.field_survey import (
     survey_field,
     survey_samples,
 )
-from fg_nav.lab.sample_field import SETTINGS
 from fg_nav.lab.verbs import DetectRequest
 from fg_nav.lab.verbs.allan import print_place
 from fg_nav.magnetic.detectors import find_detector

@@ -14,11 +14,10 @@ import pytest
 from pyarrow import parquet
 
 from fg_nav.errors import OutputError
-from fg_nav.lab.campaign import folder as table
+from fg_nav.lab.campaign import command as table
 from fg_nav.lab.campaign.cluster import KILLED
-from fg_nav.lab.campaign.command import Summary, run_campaign
+from fg_nav.lab.campaign.command import RESULTS, RESULTS_FOLDER, TABLES, TIMINGS, Summary, run_campaign, write_tables
 from fg_nav.lab.campaign.execute import run_task
-from fg_nav.lab.campaign.folder import RESULTS, RESULTS_FOLDER, TABLES, TIMINGS, write_tables
 from fg_nav.lab.store import code
 from fg_nav.lab.store.results import Key, Result, write_result
 from fg_nav.lab.verbs import experiments
@@ -176,7 +175,7 @@ def test_a_plan_may_grow_and_results_of_no_plan_any_more_are_reported(tmp_path, 
 
 def test_a_campaign_holds_its_folder_until_it_ends_however_it_ends(tmp_path, plan, made, fg_nav: FgNav):
     out = tmp_path / "out"
-    script = "import sys, time, pathlib; from fg_nav.lab.campaign.folder import lock_folder\n"
+    script = "import sys, time, pathlib; from fg_nav.lab.campaign.command import lock_folder\n"
     script += "with lock_folder(pathlib.Path(sys.argv[1])):\n    print(1, flush=True); time.sleep(600)"
     words = [sys.executable, "-c", script, str(out)]
     other = subprocess.Popen(words, env=os.environ | {"PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE)

@@ -9,7 +9,7 @@ import pytest
 from fg_nav.calibration.of_recording import Calibration, write_calibration
 from fg_nav.errors import CampaignError
 from fg_nav.io import write_canonical
-from fg_nav.lab.campaign import folder as table
+from fg_nav.lab.campaign import command as table
 from fg_nav.lab.campaign.execute import parameters_of, run_task, settings_of, tasks_of
 from fg_nav.lab.campaign.methods import Method, method_of, solve_by
 from fg_nav.lab.campaign.plan import read_plan

@@ -8,8 +8,8 @@ import pytest
 
 from fg_nav.errors import CampaignError
 from fg_nav.io import write_canonical, write_tum
+from fg_nav.lab.campaign.command import TABLES
 from fg_nav.lab.campaign.execute import Task, run_task
-from fg_nav.lab.campaign.folder import TABLES
 from fg_nav.lab.campaign.walks import OUR_TABLES, find_walks
 from fg_nav.lab.simulation import simulate
 from fg_nav.lab.store.files import MARKERS

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from fg_nav.lab.campaign.execute import settings_of
-from fg_nav.lab.reproduce.table import read_table
-from fg_nav.lab.reproduce.walks import keys_of
+from fg_nav.lab.reproduce.results import read_table
+from fg_nav.lab.reproduce.runner import keys_of
 from fg_nav.lab.store.results import Result, write_result
 from fg_nav.lab.walked import AS_STARTED, BEST_YAW, WalkErrors
 

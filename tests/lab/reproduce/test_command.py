@@ -14,6 +14,7 @@ from fg_nav import cli
 from fg_nav.errors import OutputError
 from fg_nav.lab.reproduce import command
 from fg_nav.lab.reproduce.results import (
+    PAPERS,
     Spread,
     describe_counts,
     format_seeds,
@@ -22,7 +23,6 @@ from fg_nav.lab.reproduce.results import (
     spread_of,
     write_reproduction,
 )
-from fg_nav.lab.reproduce.table import PAPERS
 from fg_nav.lab.store.results import Number, encode_number
 from tests.command_line import in_a_process, names
 from tests.lab.reproduce.made import drawn, reproduction, row

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from fg_nav.lab.reproduce.ma2018.detections import Case, measure_detections, measure_noise
 
 from fg_nav.lab.reproduce import ma2018
 from fg_nav.lab.reproduce.ma2018 import bend, detections, slope
-from fg_nav.lab.reproduce.ma2018.detections import Case, measure_detections, measure_noise
 from fg_nav.lab.reproduce.results import MISSED, MISSED_EXPLAINED, PUT_IN, REPRODUCED
+from fg_nav.lab.reproduce.roc import make_roc
 from fg_nav.lab.reproduce.runner import run_paper
-from fg_nav.lab.roc import make_roc
 from fg_nav.magnetic import DETECTORS
 from tests.lab.reproduce.stored_walks import figures_of, keys_of_paper, rows_of, store_walks
 from tests.pictures import sketch_pictures
@@ -142,7 +142,7 @@ def test_the_same_rows_come_out_of_what_was_kept(found, folder, measured):
         raise AssertionError("made again")
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("fg_nav.lab.reproduce.walks.run_task", must_not)
+        patch.setattr("fg_nav.lab.reproduce.runner.run_task", must_not)
         patch.setattr("fg_nav.lab.store.results.Measurement.run", must_not)
         assert repr(run(folder)) == repr(found)
 

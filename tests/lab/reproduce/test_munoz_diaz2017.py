@@ -6,15 +6,14 @@ from functools import partial
 
 import numpy as np
 import pytest
+from fg_nav.lab.reproduce.munoz_diaz2017.runs import Run, make_run, seed_of
 
 from fg_nav.frames import yaw_rotation
 from fg_nav.lab.reproduce import munoz_diaz2017 as paper
 from fg_nav.lab.reproduce.munoz_diaz2017 import runs, walks
-from fg_nav.lab.reproduce.munoz_diaz2017.runs import Run, make_run, seed_of
 from fg_nav.lab.reproduce.munoz_diaz2017.walks import Setting, read_setting
-from fg_nav.lab.reproduce.results import write_reproduction
+from fg_nav.lab.reproduce.results import Line, write_reproduction
 from fg_nav.lab.reproduce.runner import run_paper
-from fg_nav.lab.reproduce.table import Line
 from fg_nav.lab.simulation import SCENARIOS, Choices, routes, simulate
 from fg_nav.lab.simulation.path import straight
 from fg_nav.lab.simulation.plan import Walk

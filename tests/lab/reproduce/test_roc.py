@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import mannwhitneyu, norm
 
 from fg_nav.errors import EvaluationError
-from fg_nav.lab.roc import make_roc
+from fg_nav.lab.reproduce.roc import make_roc
 
 SHIFT = 1.2
 WALKS, CASES = 10, 60

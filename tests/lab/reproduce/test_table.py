@@ -7,8 +7,7 @@ import pytest
 from fg_nav.lab.campaign.methods import method_of
 from fg_nav.lab.reproduce.munoz_diaz2017 import MEASURES, OWN
 from fg_nav.lab.reproduce.munoz_diaz2017.walks import list_cases
-from fg_nav.lab.reproduce.results import Spread
-from fg_nav.lab.reproduce.table import PAPERS, Line, Reason, Table, read_table
+from fg_nav.lab.reproduce.results import PAPERS, Line, Reason, Spread, Table, read_table
 
 
 @pytest.mark.parametrize("paper", PAPERS)

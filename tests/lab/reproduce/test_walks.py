@@ -11,7 +11,7 @@ import pytest
 from fg_nav.errors import OutputError
 from fg_nav.lab import reproduce
 from fg_nav.lab.campaign.execute import settings_of
-from fg_nav.lab.reproduce.walks import (
+from fg_nav.lab.reproduce.runner import (
     FIGURES,
     Walks,
     describe_other_code,
@@ -90,7 +90,7 @@ def test_walks_and_parts_are_made_once(tmp_path, monkeypatch, workers):
     assert [one.key.walk for one in walks] == ["3", "4"]
     assert 0.0 < spread_over(walks, FIGURES["end_m"]).median < 3.0
     assert [bool(one.estimate) for one in walks] == [True, False]
-    monkeypatch.setattr("fg_nav.lab.reproduce.walks.run_task", None)
+    monkeypatch.setattr("fg_nav.lab.reproduce.runner.run_task", None)
     run_missing(tmp_path, keys, [part], workers)
 
 

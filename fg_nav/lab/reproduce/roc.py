@@ -23,7 +23,7 @@ a jackknife over walks: with a_w the figure without walk w, all on the scale of 
 
     sigma^2 = (W - 1) / W sum_w (a_w - mean a)^2,        band = a +- t_{W-1} sigma.
 
-With ten walks, where a percentile bootstrap is too narrow, it covers what it claims.
+With ten walks, where a percentile bootstrap is too narrow, it covers what it claims; of one walk it is the figure.
 
 References: Fawcett, An introduction to ROC analysis, Pattern Recognition Letters 27 (2006); Efron and Tibshirani, An
 Introduction to the Bootstrap (1993), chapter 11.
@@ -42,35 +42,18 @@ from scipy.stats import t as student_t
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EvaluationError
 from fg_nav.frames import wrap_angle
+from fg_nav.lab.reproduce.results import Spread
 
 LEVEL = 0.9  # Probability of a band.
 
 
 @dataclass(frozen=True)
-class Band:
-    """A figure, and between which two values it lies with probability `LEVEL`; 0 and 1 where nothing is known."""
-
-    value: float
-    low: float
-    high: float
-
-    def __contains__(self, truth: float) -> bool:
-        return self.low <= truth <= self.high
-
-
-@dataclass(frozen=True)
 class Roc:
-    """A detector's cases, counted: `make_roc` makes one.
+    """A detector's cases, counted: `make_roc` makes one."""
 
-    Attributes
-    ----------
-    statistic : (T,) its distinct values, rising.
-    signals, others : (W, T) how many of a walk's cases have that value or less.
-    """
-
-    statistic: Floats
-    signals: Ints
-    others: Ints
+    statistic: Floats  # (T,) its distinct values, rising.
+    signals: Ints  # (W, T) how many of a walk's cases have that value or less,
+    others: Ints  # and the same of cases without a signal.
 
     @property
     def n_walks(self) -> int:
@@ -80,12 +63,12 @@ class Roc:
     @property
     def p_d(self) -> Floats:
         """(T + 1,) probability of detection along the curve, from 0 to 1; all walks together."""
-        return np.asarray(_compute_shares(_sum_walks(self.signals))[0])
+        return np.asarray(_compute_shares(self.signals.sum(axis=0, keepdims=True))[0])
 
     @property
     def p_fa(self) -> Floats:
         """(T + 1,) probability of false alarm along the curve."""
-        return np.asarray(_compute_shares(_sum_walks(self.others))[0])
+        return np.asarray(_compute_shares(self.others.sum(axis=0, keepdims=True))[0])
 
     @property
     def area(self) -> float:
@@ -94,43 +77,31 @@ class Roc:
 
     def at(self, threshold: float) -> tuple[float, float]:
         """P_D and P_FA with this threshold."""
-        k = self._below(threshold)
+        k = int(np.searchsorted(self.statistic, threshold, side="left"))  # how many distinct values are below
         return float(self.p_d[k]), float(self.p_fa[k])
 
-    def area_band(self) -> Band:
-        """Area under the curve with its band.
-
-        Raises `EvaluationError` with one walk only, as `band_at` does.
-        """
+    def area_band(self) -> Spread:
+        """Area under the curve with its band."""
         fewest = min(self.signals[:, -1].sum(), self.others[:, -1].sum())
         p_d, p_fa = (_compute_shares(_leave_one_out(counts)) for counts in (self.signals, self.others))
         return _find_band(self.area, np.asarray(np.trapezoid(p_d, p_fa, axis=1)), fewest)
 
-    def band_at(self, threshold: float) -> tuple[Band, Band]:
+    def band_at(self, threshold: float) -> tuple[Spread, Spread]:
         """P_D and P_FA with this threshold, each with its band."""
-        k = self._below(threshold)
+        k = int(np.searchsorted(self.statistic, threshold, side="left"))
         p_d, p_fa = (
             _find_band(value, _compute_shares(_leave_one_out(counts))[:, k], counts[:, -1].sum())
             for value, counts in zip(self.at(threshold), (self.signals, self.others), strict=True)
         )
         return p_d, p_fa
 
-    def _below(self, threshold: float) -> int:
-        """Index along the curve: how many distinct values are below the threshold."""
-        return int(np.searchsorted(self.statistic, threshold, side="left"))
-
 
 def make_roc(statistic: Floats, signal: Bools, walk: Ints | None = None) -> Roc:
     """Count the cases of a detector.
 
-    Parameters
-    ----------
-    statistic : (M,), small where the detector sees a signal; cases where it is not finite are left out.
-    signal : (M,) True where there truly is one.
-    walk : (M,) which walk a case is of, by any numbers; None for one walk. A walk of which no case has a statistic is
-        none.
-
-    Raises `EvaluationError` where there is no case with a statistic, or none of one kind.
+    `statistic` (M,) is small where the detector sees a signal, `signal` (M,) True where there truly is one, and `walk`
+    (M,) which walk a case is of, by any numbers; None for one walk. Cases whose statistic is not finite are left out,
+    and a walk that has no other is none. Raises `EvaluationError` without a case, or without one of each kind.
     """
     judged = np.isfinite(statistic)
     kind = signal[judged]
@@ -148,16 +119,9 @@ def make_roc(statistic: Floats, signal: Bools, walk: Ints | None = None) -> Roc:
     return Roc(values, signals, others)
 
 
-def _sum_walks(counts: Ints) -> Ints:
-    """(1, T) of all walks."""
-    return np.asarray(counts.sum(axis=0, keepdims=True))
-
-
 def _leave_one_out(counts: Ints) -> Ints:
     """(W, T) of all walks but one, each time another."""
-    if len(counts) < 2:
-        raise EvaluationError("a band over walks needs two walks or more, and there is one: simulate more seeds.")
-    return np.asarray(_sum_walks(counts) - counts)
+    return np.asarray(counts.sum(axis=0, keepdims=True) - counts)
 
 
 def _compute_shares(counts: Ints) -> Floats:
@@ -166,14 +130,16 @@ def _compute_shares(counts: Ints) -> Floats:
         return np.pad(counts / counts[:, -1:], ((0, 0), (1, 0)))
 
 
-def _find_band(value: float, left_out: Floats, cases: int) -> Band:
+def _find_band(value: float, left_out: Floats, cases: int) -> Spread:
     """Band of a share, from the same with each walk left out (W,); half a case off 0 and 1."""
     walks, edge = len(left_out), 0.5 / (cases + 1)
+    if walks < 2:
+        return Spread(value, value, value, walks)
     near, far = (logit(np.clip(share, edge, 1 - edge)) for share in (value, left_out))
     reach = student_t.ppf((1 + LEVEL) / 2, walks - 1) * np.sqrt((walks - 1) * np.var(far))
     if not np.isfinite(reach):
-        return Band(value, 0.0, 1.0)
-    return Band(value, min(float(expit(near - reach)), value), max(float(expit(near + reach)), value))
+        return Spread(value, 0.0, 1.0, walks)
+    return Spread(value, min(float(expit(near - reach)), value), max(float(expit(near + reach)), value), walks)
 
 
 # --- what is true ----------------------------------------------------------------------------------------------------
@@ -182,9 +148,8 @@ def _find_band(value: float, left_out: Floats, cases: int) -> Band:
 def measure_field_change(nav_field: Floats, window: int) -> Floats:
     """Largest change (F,) uT of the true field's vector over the window of each stance; NaN before a whole window.
 
-    `nav_field` (F, 3) uT is true, in nav, at the footfalls; `window` is N, the steps in it.
-
-    Raises `EvaluationError` for a window of no step, or a walk that is shorter than one window.
+    `nav_field` (F, 3) uT is true, in nav, at the footfalls; `window` is N, the steps in it. Raises `EvaluationError`
+    for a window of no step, or a walk that is shorter than one window.
     """
     _check_window(nav_field, window)
     return _find_largest(nav_field, window, lambda a, b: np.linalg.norm(a - b, axis=1))
@@ -201,9 +166,7 @@ def measure_compass_deviation(nav_field: Floats, earth_field: Floats) -> Floats:
 def measure_course_change(position: Floats, window: int) -> Floats:
     """Largest difference (F,) rad between the directions of any two of a window's N steps; NaN before the first.
 
-    `position` (F, 3) m, true, at the footfalls. With one step in the window it is 0.
-
-    Raises `EvaluationError` as `measure_field_change`.
+    `position` (F, 3) m, true, at the footfalls. Raises `EvaluationError` as `measure_field_change`.
     """
     _check_window(position, window)
     course = _bearing(np.diff(position, axis=0))
