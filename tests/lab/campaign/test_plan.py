@@ -146,14 +146,11 @@ def test_each_bad_plan_has_its_sentence(tmp_path):
         assert "\n" not in said
 
 
-def test_a_file_that_is_no_plan(tmp_path):
+def test_what_is_no_plan_and_two_walks_that_would_be_one_file_are_refused(tmp_path):
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
     for name, words in (("none.toml", "cannot be read"), (".", "cannot be read"), ("bytes.toml", "is no TOML")):
         with pytest.raises(CampaignError, match=words):
             read_plan(tmp_path / name)
-
-
-def test_two_walks_that_would_be_one_file_are_refused(tmp_path):
     for name in ("a b/w.csv", "a-b/w.csv"):
         (tmp_path / name).parent.mkdir()
         (tmp_path / name).write_text("x\n")
