@@ -11,6 +11,7 @@ written here.
 from __future__ import annotations
 
 import threading
+import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -69,8 +70,7 @@ class Task:
         return [Task(self.source, {key: of}) for key, of in self.settings.items()]
 
 
-Execute: TypeAlias = Callable[[Sequence[Task]], Iterable[Sequence[Result]]]
-"""Executes tasks; the results of each come when they are made."""
+Execute: TypeAlias = Callable[[Sequence[Task]], Iterable[Sequence[Result]]]  # The results of each when they are made.
 
 
 def find_simulated(key: Key) -> Source:
@@ -156,14 +156,9 @@ def evaluate_outcome(blank: Result, source: Source, walk: Walk, outcome: Outcome
     """Compute all figures of one method on one walk, in each alignment."""
     solution, truth = outcome.solution, walk.truth
     used = (outcome.field_used and word == QUASI_STATIC for word in solution.stances.field)
-    done = replace(
-        blank,
-        used="".join(USED if one else NOT_USED for one in used),
-        samples=len(solution.t),
-        runtime_s=solution.runtime_s,
-        parameters=solution.parameters,
-        notes=(*walk.notes, *solution.notes),
-    )
+    facts = {"samples": len(solution.t), "runtime_s": solution.runtime_s, "parameters": solution.parameters}
+    marks, notes = "".join(USED if one else NOT_USED for one in used), (*walk.notes, *solution.notes)
+    done = replace(blank, used=marks, notes=notes, **facts)
     place = solution.stances.position
     if truth is None:
         own = {CLOSURE: _round_positions(place)}
@@ -181,17 +176,9 @@ def evaluate_outcome(blank: Result, source: Source, walk: Walk, outcome: Outcome
         if names:
             found = measure_landmarks(solution, names, time_s, crossed, aligned.alignment)
             at_landmarks[mode] = found.error_m.tolist()
-    return replace(
-        done,
-        errors=errors,
-        whitened=whitened,
-        estimate=estimate,
-        truth=_round_positions(aligned.truth),
-        every=not aligned.planar,
-        landmark=names,
-        landmark_m=at_landmarks,
-        notes=(*done.notes, *aligned.notes),
-    )
+    done = replace(done, errors=errors, whitened=whitened, landmark=names, landmark_m=at_landmarks)
+    paths = {"estimate": estimate, "truth": _round_positions(aligned.truth), "every": not aligned.planar}
+    return replace(done, notes=(*notes, *aligned.notes), **paths)
 
 
 def _round_positions(position: Floats) -> list[list[float]]:
@@ -246,12 +233,10 @@ def settings_of(
     The walk is one of a scenario, perhaps the user's `own`, or `recorded` in `files` (SHA-256 by name).
     """
     loop = reading.calibration if recorded and reading else None
-    settings: dict[str, Any] = {
-        "method": parameters_of(key.method),
-        "stances": StanceParameters(),
-        "magnetometer": {LOOP: loop, WALK: WalkCalibrationParameters()}.get(key.magnetometer),
-        "walk": files if recorded else _describe_scenario(key.group, key.field, own),
-    }
+    magnetometer = {LOOP: loop, WALK: WalkCalibrationParameters()}.get(key.magnetometer)
+    walk = files if recorded else _describe_scenario(key.group, key.field, own)
+    settings: dict[str, Any] = {"method": parameters_of(key.method), "stances": StanceParameters()}
+    settings |= {"magnetometer": magnetometer, "walk": walk}
     if reading is not None and reading.format is not None:
         settings["format"] = reading.format
     return dict(to_json(settings))
@@ -283,5 +268,5 @@ def _describe_scenario(name: str, level: str, own: UserScenario | None) -> dict[
     description: dict[str, Any] = {"worn": one.worn, "site": one.site, "field": (level, MIXTURES.get(level))}
     description |= {"magnets": one.magnets, "sensor": one.prior}
     if own is not None:
-        description |= {"course": own.course, "aligned": one.aligned}
+        description |= {"course": tomllib.loads(own.text)["course"], "aligned": one.aligned}
     return dict(to_json(description))

@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import os
 import tempfile
-import tomllib
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -18,7 +17,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -63,11 +62,6 @@ class UserScenario:
     def scenario(self) -> Scenario:
         """As the simulator takes it; raises `SimulationError` if the file describes what cannot be."""
         return parse_scenario(self.name, self.text)
-
-    @property
-    def course(self) -> Any:
-        """The file's course, which nothing else of the scenario contains."""
-        return tomllib.loads(self.text)["course"]
 
 
 @dataclass(frozen=True)
