@@ -73,7 +73,7 @@ def test_estimators_do_not_know_each_other_nor_what_uses_them():
             assert not IMPORTS[path] & ((ESTIMATORS | TOP) - {own}), path.name
 
 
-DRAWING = {"fg_nav.lab.drawing", "fg_nav.lab.field_drawing"}  # Pictures of the laboratory.
+DRAWING = {"fg_nav.lab.drawing"}  # Pictures of the laboratory.
 
 
 def test_the_report_is_imported_by_the_command_line_alone():

@@ -116,10 +116,10 @@ class NoiseFit:
     fitted_from_s: float  # Averaging time at which the fit begins.
     misfit: float  # Mean square of the residuals in their sigmas, 1 or less where the three laws hold.
 
-    def deviation_at(self, tau_s: Floats) -> Floats:
-        """Allan deviation of the fitted model at averaging times (...,) s."""
+    def laws_at(self, tau_s: Floats) -> Floats:
+        """Deviation (3, ...) by N, B and K alone at averaging times (...,) s; their root sum of squares is the fit."""
         N, B, K = self.white.value, self.flicker.value, self.walk.value
-        return np.asarray(np.sqrt(N**2 / tau_s + (FLOOR * B) ** 2 + K**2 * tau_s / 3))
+        return np.stack([N / np.sqrt(tau_s), np.full_like(tau_s, FLOOR * B), K * np.sqrt(tau_s / 3)])
 
 
 def choose_averaging_factors(count: int) -> Ints:

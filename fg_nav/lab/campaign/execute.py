@@ -156,9 +156,14 @@ def evaluate_outcome(blank: Result, source: Source, walk: Walk, outcome: Outcome
     """Compute all figures of one method on one walk, in each alignment."""
     solution, truth = outcome.solution, walk.truth
     used = (outcome.field_used and word == QUASI_STATIC for word in solution.stances.field)
-    facts = {"samples": len(solution.t), "runtime_s": solution.runtime_s, "parameters": solution.parameters}
-    marks, notes = "".join(USED if one else NOT_USED for one in used), (*walk.notes, *solution.notes)
-    done = replace(blank, used=marks, notes=notes, **facts)
+    done = replace(
+        blank,
+        used="".join(USED if one else NOT_USED for one in used),
+        samples=len(solution.t),
+        runtime_s=solution.runtime_s,
+        parameters=solution.parameters,
+        notes=(*walk.notes, *solution.notes),
+    )
     place = solution.stances.position
     if truth is None:
         own = {CLOSURE: _round_positions(place)}
@@ -176,9 +181,17 @@ def evaluate_outcome(blank: Result, source: Source, walk: Walk, outcome: Outcome
         if names:
             found = measure_landmarks(solution, names, time_s, crossed, aligned.alignment)
             at_landmarks[mode] = found.error_m.tolist()
-    done = replace(done, errors=errors, whitened=whitened, landmark=names, landmark_m=at_landmarks)
-    paths = {"estimate": estimate, "truth": _round_positions(aligned.truth), "every": not aligned.planar}
-    return replace(done, notes=(*notes, *aligned.notes), **paths)
+    return replace(
+        done,
+        errors=errors,
+        whitened=whitened,
+        estimate=estimate,
+        truth=_round_positions(aligned.truth),
+        every=not aligned.planar,
+        landmark=names,
+        landmark_m=at_landmarks,
+        notes=(*done.notes, *aligned.notes),
+    )
 
 
 def _round_positions(position: Floats) -> list[list[float]]:

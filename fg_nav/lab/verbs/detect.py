@@ -18,7 +18,7 @@ from fg_nav.commands.shared import (
 )
 from fg_nav.earth import Place, compute_field
 from fg_nav.errors import MagneticError
-from fg_nav.lab.field_drawing import draw_survey, plot_samples
+from fg_nav.lab.drawing import draw_survey, plot_samples
 from fg_nav.lab.field_survey import (
     SAMPLEWISE,
     SETTINGS,
