@@ -143,20 +143,14 @@ def test_curves_are_lost_to_a_detector_that_does_not_pass_on_them(found):
     assert row.ours["as printed"].median == pytest.approx(1.0, abs=0.3)
 
 
-def test_sigmas_are_shown_in_the_units_of_their_rows(found):
+def test_sigmas_are_shown_in_the_units_of_their_rows_and_what_was_kept_gives_the_same_rows(found, folder, measured):
     row = rows_of(found)["M-E2a: sigma of strength"]
     assert (row.unit, row.paper, row.verdict) == ("mG", pytest.approx(5.35), MISSED_EXPLAINED)
     assert row.ours["walked"].median == pytest.approx(10 * 0.2)
     assert row.ours["at rest, one seed"].n == 1
-
-
-def test_the_same_rows_come_out_of_what_was_kept(found, folder, measured):
-    def must_not(*_, **__):
-        raise AssertionError("made again")
-
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("fg_nav.lab.reproduce.runner.run_task", must_not)
-        patch.setattr("fg_nav.lab.store.results.Measurement.run", must_not)
+        for name in ("reproduce.runner.run_task", "store.results.Measurement.run"):
+            patch.setattr(f"fg_nav.lab.{name}", None)
         assert repr(run(folder)) == repr(found)
 
 
@@ -190,23 +184,18 @@ def test_quick_leaves_a_field_out_and_says_so(measured, tmp_path):
     assert "field smooth" not in found.parameters
 
 
-def test_noise_is_that_of_the_sensor_and_the_iron_turns_with_the_foot(monkeypatch):
+def test_noise_is_that_of_the_sensor_and_more_steel_changes_the_field_more(monkeypatch):
     monkeypatch.setattr(ma2018, "OFFICE", "demo")
     found = measure_noise(3, 20.0)
-    assert (found["iron on"] > 3 * found["walked"]).all()
-    assert found["at rest"][2] == pytest.approx(0.5 / np.sqrt(8.0) * np.sqrt(2.0), rel=0.1)
-
-
-def test_more_steel_changes_the_field_more_and_turns_a_perfect_compass_farther():
+    assert (found[IRON_ON] > 3 * found[WALKED]).all()  # the iron turns with the foot
+    assert found[AT_REST][2] == pytest.approx(0.5 / np.sqrt(8.0) * np.sqrt(2.0), rel=0.1)
     arrays = measure_detections("demo", 3)
     cases = [Case(field, [arrays]) for field in ("smooth", "between", "indoor")]
     for name in ("vector_uT", "wrong_deg"):
         smooth, between, indoor = (np.nanmedian(case.column(name)) for case in cases)
         assert smooth < between < indoor
-    straight = [case.column("course_deg") for case in cases]
-    np.testing.assert_array_equal(straight[0], straight[2])  # the same walk
-    share = [case.passes("ma2018-printed").mean() for case in cases]
-    assert share[0] > share[2]
+    np.testing.assert_array_equal(cases[0].column("course_deg"), cases[2].column("course_deg"))  # the same walk
+    assert cases[0].passes("ma2018-printed").mean() > cases[2].passes("ma2018-printed").mean()
 
 
 def test_the_slope_of_the_roc_is_that_between_two_tenths_of_p_d():
