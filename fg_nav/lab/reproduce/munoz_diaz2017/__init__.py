@@ -411,7 +411,7 @@ def _draw_bias(axes: Axes, setting: Setting, run: Run | None, title: str) -> Non
             axes.plot(run.minute, setting.bias[:, axis], "--", color=colour, linewidth=0.7)
         # what is drawn is what the estimates do; their uncertainty may be cut off
         shown = np.concatenate([run.bias, setting.bias])
-        axes.set_ylim(shown.min() - 0.05, shown.max() + 0.05)
+        axes.set_ylim(float(shown.min()) - 0.05, float(shown.max()) + 0.05)
     style.head(axes, title, 3)
 
 
