@@ -93,6 +93,7 @@ def test_what_is_there_is_joined_and_the_tables_are_the_same_bytes(tmp_path, pla
         assert row["rmse_m"] == errors.rmse_m
         assert row["end_percent"] == pytest.approx(100.0 * row["end_m"] / row["distance_m"])
         assert 50 < row["footfalls"] < 80
+        assert row["used_footfalls"] == 0 if row["method"] == "iez" else 0 < row["used_footfalls"] < row["footfalls"]
         assert row["failed"] == ""
 
 

@@ -1,6 +1,5 @@
 """What is made of a task: a walk once for all its results, each for itself, with its files or without."""
 
-import json
 from dataclasses import replace
 from unittest.mock import Mock
 
@@ -15,10 +14,11 @@ from fg_nav.lab.campaign.methods import solve_by
 from fg_nav.lab.campaign.walks import LOOP, RAW, Recorded, Simulated, pack, simulate_calibration, simulate_walk
 from fg_nav.lab.simulation import simulate
 from fg_nav.lab.simulation.walk import Passing
-from fg_nav.lab.store.results import Key, Result, read_result, write_result
+from fg_nav.lab.store.results import Key, Result, read_result
 from fg_nav.lab.walked import AS_STARTED, BEST_YAW, WalkErrors
 from fg_nav.text import to_json
 from tests.lab.campaign import fakes
+from tests.lab.store.stored import check_that_it_alone_is_read
 
 
 @pytest.fixture
@@ -127,17 +127,9 @@ def test_what_was_stored_by_other_settings_or_in_another_form_or_is_damaged_is_n
     key, settings = Key("mall", "indoor", "101", LOOP, "ma2018"), {"method": {"sigma": 0.1, "names": ["a", "b"]}}
     errors = WalkErrors(AS_STARTED, 100.0, 3.0, None, float("nan"))
     result = Result(key, settings, "code", errors={AS_STARTED: errors}, samples=1000, runtime_s=0.004)
-    write_result(tmp_path, result)
-    found = read_result(tmp_path, key, settings)
+    found = check_that_it_alone_is_read(tmp_path, result)
     assert to_json(found) == to_json(result)
     assert found.us_per_sample == 4.0
-    assert read_result(tmp_path, key, {"method": {"sigma": 0.2, "names": ["a", "b"]}}) is None
-    assert read_result(tmp_path, replace(key, walk="102"), settings) is None
-    path = tmp_path / key.file
-    whole = path.read_text()
-    for broken in (whole[: len(whole) // 2], "[]", "{}", json.dumps({**json.loads(whole), "form": 0})):
-        path.write_text(broken)
-        assert read_result(tmp_path, key, settings) is None
 
 
 def test_errors_at_landmarks_are_those_of_the_path_there():
