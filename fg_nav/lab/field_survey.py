@@ -19,13 +19,24 @@ and the threshold is its quantile at the false-alarm rate: the share of such cha
 keeps its strength is not detected, and an uncalibrated magnetometer is disturbed by its own turning. Only measured
 samples count, not the NaN rows of a slow magnetometer. At the beginning, and after a gap, the window is shorter, and is
 judged as if all of a change had to happen in it.
+
+Quality with a truth. A detector looks at the N steps between the N + 1 stances up to the one it judges. The field of
+such a window is truly quasi-static if it is the same at all of its stances, up to a limit: with b_i the true field
+there, in nav,
+
+    change_k = max |b_i - b_j|    over all pairs    k - N <= i < j <= k.
+
+All pairs, and not the steps alone: a compass that was used over the window is off by the whole change. With horizontal
+strength H its heading changes by asin(limit / H) at most. Static is not right: a field can differ from the Earth's and
+stay so (`measure_compass_deviation`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -33,7 +44,7 @@ import numpy as np
 from scipy.special import chndtrix
 
 from fg_nav.arrays import Floats, find_runs
-from fg_nav.errors import MagneticError
+from fg_nav.errors import EvaluationError, MagneticError
 from fg_nav.frames import average_angles, wrap_angle
 from fg_nav.magnetic import FieldVerdicts, FootfallField
 from fg_nav.magnetic.detectors import (
@@ -257,3 +268,57 @@ def judge_samples(recording: Recording) -> Disturbance:
     for n in np.unique(count[count >= MIN_SAMPLES]):
         threshold[n] = find_sample_threshold(int(n))
     return Disturbance(scatter / SIGMA_UT**2 / threshold[count])
+
+
+# --- what is true ----------------------------------------------------------------------------------------------------
+
+
+def measure_field_change(nav_field: Floats, window: int) -> Floats:
+    """Largest change (F,) uT of the true field's vector over the window of each stance; NaN before a whole window.
+
+    `nav_field` (F, 3) uT is true, in nav, at the footfalls; `window` is N, the steps in it. Raises `EvaluationError`
+    for a window of no step, or a walk that is shorter than one window.
+    """
+    _check_window(nav_field, window)
+    return _find_largest(nav_field, window, lambda a, b: np.linalg.norm(a - b, axis=1))
+
+
+def measure_compass_deviation(nav_field: Floats, earth_field: Floats) -> Floats:
+    """Error (F,) rad of the heading that a perfect compass shows in `nav_field` (F, 3) uT, clockwise.
+
+    `earth_field` (3,) or (F, 3) is the field without what deviates it.
+    """
+    return wrap_angle(_bearing(earth_field) - _bearing(nav_field))
+
+
+def measure_course_change(position: Floats, window: int) -> Floats:
+    """Largest difference (F,) rad between the directions of any two of a window's N steps; NaN before the first.
+
+    `position` (F, 3) m, true, at the footfalls. Raises `EvaluationError` as `measure_field_change`.
+    """
+    _check_window(position, window)
+    course = _bearing(np.diff(position, axis=0))
+    change = _find_largest(course, window - 1, lambda a, b: np.abs(wrap_angle(a - b)))
+    return np.concatenate([[np.nan], change])
+
+
+def _check_window(of_stances: Floats, window: int) -> None:
+    if window < 1 or len(of_stances) <= window:
+        raise EvaluationError(
+            f"a window of {window} steps cannot be laid over {len(of_stances)} stances: "
+            f"it needs one step, and {window + 1} stances."
+        )
+
+
+def _bearing(vector: Floats) -> Floats:
+    """Direction (...,) rad over the ground of (..., 3), clockwise from north."""
+    return np.asarray(np.arctan2(vector[..., 0], vector[..., 1]))
+
+
+def _find_largest(values: Floats, window: int, distance: Callable[[Floats, Floats], Floats]) -> Floats:
+    """Largest distance (F,) between any two of the `window` + 1 values up to each; NaN before."""
+    count = len(values) - window
+    largest = np.zeros(count)
+    for a, b in combinations([values[lag : lag + count] for lag in range(window + 1)], 2):
+        largest = np.maximum(largest, distance(a, b))
+    return np.concatenate([np.full(window, np.nan), largest])

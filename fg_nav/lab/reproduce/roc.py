@@ -1,13 +1,6 @@
-"""How well a field detector separates quasi-static fields from the rest: what is true, ROC curve, and bands over walks.
+"""How well a field detector separates quasi-static fields from the rest: ROC curve, and bands over walks.
 
-True. A detector looks at the N steps between the N + 1 stances up to the one it judges. The field of such a window is
-truly quasi-static if it is the same at all of its stances, up to a limit: with b_i the true field there, in nav,
-
-    change_k = max |b_i - b_j|    over all pairs    k - N <= i < j <= k.
-
-All pairs, and not the steps alone: a compass that was used over the window is off by the whole change. With horizontal
-strength H its heading changes by asin(limit / H) at most. Static is not right: a field can differ from the Earth's and
-stay so (`measure_compass_deviation`).
+What is true: `fg_nav.lab.field_survey`.
 
 ROC. A detector declares a signal where its statistic is below a threshold; the signal is the quasi-static field, as in
 Ma 2018, Figure 8:
@@ -31,9 +24,7 @@ Introduction to the Bootstrap (1993), chapter 11.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 from scipy.special import expit, logit
@@ -41,7 +32,6 @@ from scipy.stats import t as student_t
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EvaluationError
-from fg_nav.frames import wrap_angle
 from fg_nav.lab.reproduce.results import Spread
 
 LEVEL = 0.9  # Probability of a band.
@@ -140,57 +130,3 @@ def _find_band(value: float, left_out: Floats, cases: int) -> Spread:
     if not np.isfinite(reach):
         return Spread(value, 0.0, 1.0, walks)
     return Spread(value, min(float(expit(near - reach)), value), max(float(expit(near + reach)), value), walks)
-
-
-# --- what is true ----------------------------------------------------------------------------------------------------
-
-
-def measure_field_change(nav_field: Floats, window: int) -> Floats:
-    """Largest change (F,) uT of the true field's vector over the window of each stance; NaN before a whole window.
-
-    `nav_field` (F, 3) uT is true, in nav, at the footfalls; `window` is N, the steps in it. Raises `EvaluationError`
-    for a window of no step, or a walk that is shorter than one window.
-    """
-    _check_window(nav_field, window)
-    return _find_largest(nav_field, window, lambda a, b: np.linalg.norm(a - b, axis=1))
-
-
-def measure_compass_deviation(nav_field: Floats, earth_field: Floats) -> Floats:
-    """Error (F,) rad of the heading that a perfect compass shows in `nav_field` (F, 3) uT, clockwise.
-
-    `earth_field` (3,) or (F, 3) is the field without what deviates it.
-    """
-    return wrap_angle(_bearing(earth_field) - _bearing(nav_field))
-
-
-def measure_course_change(position: Floats, window: int) -> Floats:
-    """Largest difference (F,) rad between the directions of any two of a window's N steps; NaN before the first.
-
-    `position` (F, 3) m, true, at the footfalls. Raises `EvaluationError` as `measure_field_change`.
-    """
-    _check_window(position, window)
-    course = _bearing(np.diff(position, axis=0))
-    change = _find_largest(course, window - 1, lambda a, b: np.abs(wrap_angle(a - b)))
-    return np.concatenate([[np.nan], change])
-
-
-def _check_window(of_stances: Floats, window: int) -> None:
-    if window < 1 or len(of_stances) <= window:
-        raise EvaluationError(
-            f"a window of {window} steps cannot be laid over {len(of_stances)} stances: "
-            f"it needs one step, and {window + 1} stances."
-        )
-
-
-def _bearing(vector: Floats) -> Floats:
-    """Direction (...,) rad over the ground of (..., 3), clockwise from north."""
-    return np.asarray(np.arctan2(vector[..., 0], vector[..., 1]))
-
-
-def _find_largest(values: Floats, window: int, distance: Callable[[Floats, Floats], Floats]) -> Floats:
-    """Largest distance (F,) between any two of the `window` + 1 values up to each; NaN before."""
-    count = len(values) - window
-    largest = np.zeros(count)
-    for a, b in combinations([values[lag : lag + count] for lag in range(window + 1)], 2):
-        largest = np.maximum(largest, distance(a, b))
-    return np.concatenate([np.full(window, np.nan), largest])

@@ -6,7 +6,8 @@ from scipy.stats import mannwhitneyu, norm
 
 from fg_nav.errors import EvaluationError
 from fg_nav.frames import yaw_rotation
-from fg_nav.lab.reproduce.roc import make_roc, measure_compass_deviation, measure_course_change, measure_field_change
+from fg_nav.lab.field_survey import measure_compass_deviation, measure_course_change, measure_field_change
+from fg_nav.lab.reproduce.roc import make_roc
 from fg_nav.lab.simulation import simulate
 from fg_nav.magnetic.footfall_field import compute_field_heading, rotate_to_level
 

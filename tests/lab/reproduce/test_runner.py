@@ -8,6 +8,7 @@ import pytest
 
 from fg_nav.errors import OutputError
 from fg_nav.lab.campaign.execute import settings_of, simulated_keys
+from fg_nav.lab.reproduce import aiez2017, ma2018, munoz_diaz2017
 from fg_nav.lab.reproduce.runner import (
     FIGURES,
     describe_other_code,
@@ -47,6 +48,28 @@ def test_a_part_comes_back_to_the_last_bit_and_one_of_other_code_or_damaged_is_n
     path.write_bytes(path.read_bytes()[:100])
     assert part.read(tmp_path) is None
     assert part.load(tmp_path)["count"] == 3
+
+
+def modules_behind(function):
+    """Modules of what a function names, and of what those that it names in its own folder name."""
+    modules, seen, left = set(), set(), [function]
+    while left:
+        one = left.pop()
+        seen.add(one)
+        for named in (one.__globals__.get(name) for name in one.__code__.co_names):
+            module = getattr(named, "__module__", None) or ""
+            modules.add(module)
+            if module.startswith(function.__module__) and hasattr(named, "__code__") and named not in seen:
+                left.append(named)
+    return modules
+
+
+@pytest.mark.parametrize("paper", [aiez2017, ma2018, munoz_diaz2017])
+def test_what_is_measured_rests_on_no_module_that_its_sum_leaves_out(paper):
+    """Its sum is over its own folder and the library: a change of another module of the experiments goes unseen."""
+    for part in (part for parts in paper.list_parts([1], True).values() for part in parts):
+        behind = modules_behind(part.measure.func)
+        assert not {name for name in behind if name.startswith("fg_nav.lab.reproduce") and paper.__name__ not in name}
 
 
 def test_what_cannot_be_written_leaves_nothing_beside(tmp_path):

@@ -29,9 +29,10 @@ from fg_nav.detection import detect_stances
 from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.lab import palette
 from fg_nav.lab.campaign.walks import LOOP
+from fg_nav.lab.field_survey import measure_compass_deviation
 from fg_nav.lab.reproduce.drawing import Pictures, new_panels
 from fg_nav.lab.reproduce.results import NOTHING, Line, Picture, Spread
-from fg_nav.lab.reproduce.roc import make_roc, measure_compass_deviation
+from fg_nav.lab.reproduce.roc import make_roc
 from fg_nav.lab.reproduce.runner import Found, Made, Paper, Parts, describe_walks
 from fg_nav.lab.simulation import SCENARIOS, simulate
 from fg_nav.lab.simulation.fields import Sum

@@ -56,15 +56,10 @@ from fg_nav.errors import CalibrationError
 from fg_nav.frames import wrap_angle
 from fg_nav.lab import palette
 from fg_nav.lab.campaign.walks import LOOP, MIXTURES, RAW, Simulated
+from fg_nav.lab.field_survey import measure_compass_deviation, measure_course_change, measure_field_change
 from fg_nav.lab.reproduce.drawing import Pictures, new_panels
 from fg_nav.lab.reproduce.results import NOTHING, Line, Picture, Spread, spread_of
-from fg_nav.lab.reproduce.roc import (
-    Roc,
-    make_roc,
-    measure_compass_deviation,
-    measure_course_change,
-    measure_field_change,
-)
+from fg_nav.lab.reproduce.roc import Roc, make_roc
 from fg_nav.lab.reproduce.runner import FIGURES, Found, Made, Measures, Paper, Parts, reduction_over
 from fg_nav.lab.simulation import SCENARIOS, Choices, scenario, simulate
 from fg_nav.lab.simulation.fields import SITES
