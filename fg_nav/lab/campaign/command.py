@@ -26,7 +26,7 @@ from fg_nav.lab.campaign.cluster import Notify, check_address, check_installed, 
 from fg_nav.lab.campaign.execute import Execute, make
 from fg_nav.lab.campaign.methods import method_of
 from fg_nav.lab.campaign.plan import read_plan
-from fg_nav.lab.store.files import CAMPAIGN_MARKER, PART, atomic_write, find_foreign
+from fg_nav.lab.store.files import CAMPAIGN_MARKER, MARKERS, PART, atomic_write, list_visible
 from fg_nav.lab.store.results import USED, Key, Result, read_result
 from fg_nav.lab.walked import WalkErrors
 from fg_nav.system.processes import lock
@@ -129,9 +129,11 @@ def lock_folder(out: Path) -> Iterator[None]:
     Raises `CampaignError` if another campaign runs there, `OutputError` if something else fills it, or it cannot be.
     """
     try:
-        foreign = find_foreign(out, CAMPAIGN_MARKER, (RESULTS_FOLDER, *TABLES))
-        if foreign:
-            raise OutputError(f"{out} holds what is no campaign's ('{foreign}'): choose another --out.")
+        if not (out / CAMPAIGN_MARKER).is_file():
+            foreign = [marker for marker in MARKERS if (out / marker).is_file()]
+            foreign += [name for name in list_visible(out) if name not in (RESULTS_FOLDER, *TABLES)]
+            if foreign:
+                raise OutputError(f"{out} holds what is no campaign's ('{foreign[0]}'): choose another --out.")
         (out / RESULTS_FOLDER).mkdir(parents=True, exist_ok=True)
         marker = (out / CAMPAIGN_MARKER).open("a")
     except OSError as error:

@@ -167,7 +167,7 @@ def evaluate_outcome(blank: Result, source: Source, walk: Walk, outcome: Outcome
     place = solution.stances.position
     if truth is None:
         own = {CLOSURE: _round_positions(place)}
-        return replace(done, errors={CLOSURE: measure_walk(solution)}, estimate=own, every=False)
+        return replace(done, errors={CLOSURE: measure_walk(solution)}, estimate=own)
     names = tuple(one.landmark for one in source.landmarks)
     time_s, crossed = (np.array([getattr(one, what) for one in source.landmarks]) for what in ("time_s", "position"))
     errors, estimate, at_landmarks, whitened = {}, {}, {}, {}
@@ -187,7 +187,6 @@ def evaluate_outcome(blank: Result, source: Source, walk: Walk, outcome: Outcome
         whitened=whitened,
         estimate=estimate,
         truth=_round_positions(aligned.truth),
-        every=not aligned.planar,
         landmark=names,
         landmark_m=at_landmarks,
         notes=(*done.notes, *aligned.notes),

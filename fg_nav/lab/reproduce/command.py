@@ -25,7 +25,7 @@ from fg_nav.lab.reproduce import results
 from fg_nav.lab.reproduce.drawing import PICTURES
 from fg_nav.lab.reproduce.results import MISSED, MISSED_EXPLAINED, Picture, Reproduction
 from fg_nav.lab.reproduce.runner import run_paper
-from fg_nav.lab.store.files import REPRODUCTION_MARKER, list_visible, make_folder, read_marker, write_text
+from fg_nav.lab.store.files import REPRODUCTION_MARKER, list_visible, make_folder, write_text
 from fg_nav.report.folder import lock_result, unwritable
 from fg_nav.report.terminal import console, progress, ruled_table
 from fg_nav.text import find_version, to_json
@@ -80,14 +80,15 @@ def reproduce(
 def _mark_folder(out: Path, paper: str, force: bool) -> None:
     """Put down whose folder it is, and take away what is of a result that is no more."""
     try:
-        held, *_ = read_marker(out, REPRODUCTION_MARKER) or [""]
+        marker = out / REPRODUCTION_MARKER
+        held = marker.read_text(encoding="utf-8").strip() if marker.is_file() else ""
         present = list_visible(out)
         if held != paper and present:
             what = f"the results of {held}" if held else f"'{present[0]}', which this command does not write"
             raise OutputError(f"{out} holds {what}: choose another --out.")
         if (out / RESULTS).exists() and not force:
             raise OutputError(f"{out} already holds a result: choose another --out, or replace it with --force.")
-        write_text(out / REPRODUCTION_MARKER, f"{paper}\n")
+        write_text(marker, f"{paper}\n")
         for path in (out / RESULTS, out / REPORT, *(out / PICTURES).glob("figure-*.png")):
             path.unlink(missing_ok=True)
     except OSError as error:

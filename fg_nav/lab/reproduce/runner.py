@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -23,7 +23,7 @@ from fg_nav.lab.reproduce.results import Experiment, Line, Picture, Reproduction
 from fg_nav.lab.simulation.fields.building import CLUTTERS, SMOOTH_KINDS
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.files import make_folder
-from fg_nav.lab.store.results import USED, Arrays, Key, Measurement, Result, drop_paths, read_result
+from fg_nav.lab.store.results import USED, Arrays, Key, Measurement, Result, read_result
 from fg_nav.lab.walked import AS_STARTED, BEST_YAW, error_reduction_percent
 from fg_nav.magnetic import DETECTORS
 from fg_nav.text import format_count
@@ -150,7 +150,9 @@ def read_walks(folder: Path, keys: Sequence[Key]) -> dict[tuple[str, str, str], 
         result = read_result(folder / RESULTS_FOLDER, key, settings_of(key))
         assert result is not None, f"{key.file} was not made"
         before = found.setdefault((key.group, key.field, key.method), [])
-        before.append(drop_paths(result) if any(one.estimate for one in before) else result)
+        if any(one.estimate for one in before):  # paths are most of a result's memory
+            result = replace(result, estimate={}, truth=(), whitened={})
+        before.append(result)
     return found
 
 

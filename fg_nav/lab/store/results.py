@@ -16,7 +16,7 @@ import json
 import math
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias
@@ -136,7 +136,6 @@ class Result:
         default_factory=dict
     )  # (K, 2) m at footfalls, by alignment
     truth: Sequence[Sequence[Number]] = ()  # (M, 2) m
-    every: bool = True  # whether the truth is that of every footfall
     used: str = ""  # (K,) whether the method used the field
     samples: int = 0
     runtime_s: float = 0.0  # of the method
@@ -147,11 +146,6 @@ class Result:
     def us_per_sample(self) -> float:
         """Runtime of the method alone."""
         return 1e6 * self.runtime_s / max(self.samples, 1)
-
-
-def drop_paths(result: Result) -> Result:
-    """Return a result without estimate, truth and whitened errors, which are most of its memory."""
-    return replace(result, estimate={}, truth=(), whitened={})
 
 
 def write_result(folder: Path, result: Result) -> None:
