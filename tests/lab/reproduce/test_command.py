@@ -65,7 +65,7 @@ def test_quick_is_fewer_seeds_unless_they_are_counted(papers, tmp_path):
 def test_a_run_that_was_ended_goes_on_and_only_an_older_result_is_replaced_by_force(papers, tmp_path):
     out = tmp_path / "out"
     for workers, error, words in (
-        (9, KeyboardInterrupt, ""),
+        (9, KeyboardInterrupt, None),
         (8, OutputError, "run the same command again, it goes on"),
     ):
         with pytest.raises(error, match=words):
