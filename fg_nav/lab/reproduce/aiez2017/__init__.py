@@ -2,17 +2,11 @@
 
 Z-E1. A foot that stands beside a magnet stands in a field that is wrong and does not change. The classical detector
 tests the rate of the strength within a stance (`qsf-stance`) and accepts it; AIEZ (17) compares compass and inertial
-heading. The paper shows one drawing and no number. As bounds: at least 80 % of the footfalls beside the magnet
-accepted, and at most 20 %. The area under the ROC is what a detector could do at best, whatever its threshold.
+heading. The paper shows one drawing (Figure 6) and no number; what stands for one, and what near and far mean, is in
+`table.toml`. The area under the ROC is what a detector could do at best, whatever its threshold.
 
-Walks are through `magnet-corridor` (Zhang, Figure 6). Footfalls are sorted by how far the magnet turns the field over
-the ground, where the sensor is: near by more than 10 deg, far by less than 2. Zhang does not describe the magnet. The
-scenario's turns the field at hardly any footfall by 10 deg, for these come down a stride apart; so it is laid there ten
-times over as well.
-
-Z-E2 is three cycles (Figure 7, Table I), each filter beside ours.
-
-The filter as printed has what would break it corrected: AIEZ (20), (22), (25), (27), (29).
+Z-E2 is three cycles (Figure 7, Table I), each filter beside ours. The filter as printed has what would break it
+corrected: AIEZ (20), (22), (25), (27), (29).
 """
 
 from __future__ import annotations

@@ -1,41 +1,26 @@
 """All experiments of Ma et al. (2018): calibration on the shoe, quasi-static detector, office and mall.
 
-M-E1. The calibration beside CLSEF (Table 1, Figure 7): Ma (6)-(12), on the scenario `calibration-loop`, circles to the
-right and left in a homogeneous field, eight MPU-9250 on the heel, 400 Hz. What shoe and floor do to the readings of the
-standing foot is the levelled line of Table 1: offsets 137.95 and 75.26 mG, long axis at 0.973 rad, ratio of the axes
-0.896 (`ma_table_1`, in the mean true attitude of this walk's stances). Table 1 does not give the vertical iron on the
-shoe; there is none here. Headings are those of the corrected footfalls minus the gyroscope's, less the circular mean.
+What each is, and what its columns are, stands in `table.toml`; here is what that leaves open.
 
-==================== ================================================================================================
-ellipse, fitted      ours (`fg_nav.calibration.ellipsoid`)
-ellipse, as printed  Ma (6)-(12) to the letter
-ellipse, by extremes the same with Ma (8) in the right quadrant
-CLSEF, bare          the sensor tumbled for a minute without the shoe, where it has the other line of Table 1, the K_c
-                     and B_c of the CLSEF method, along the levelled axes; shoe and floor make up the difference of the
-                     two lines. C is taken upper triangular, as the paper has it
-==================== ================================================================================================
+M-E1, Ma (6)-(12). The iron of shoe and floor is the levelled line of Table 1 (`ma_table_1`) in the mean true attitude
+of this walk's stances. The table does not give the vertical iron on the shoe; there is none here. The other line is
+that of the module without the shoe, the K_c and B_c of CLSEF, along the levelled axes; C is taken upper triangular, as
+the paper has it.
 
-M-E2a. Sigmas of the detector's channels: changes from one instant to the next, Ma (13). The paper says neither whether
-the foot walked, nor from which instant to which, so there are three readings: walked, from footfall to footfall without
-steel, the magnetometer calibrated on the loop; iron on, as it is in the shoe, its iron turning with the foot; at rest,
-from sample to sample, the shoe on a table.
+M-E2a. Sigmas of the detector's channels, Ma (13).
 
-M-E2b. The detector's ROC with N = 3 (Figure 8). A stance is truly quasi-static where the largest difference between the
-true field vectors of any two of the four stances of its window (three strides) is below a limit. P_D and P_FA are Ma's:
-how often a field passes that is truly quasi-static, and one that is not. What is quasi-static depends on how much steel
-there is, so there are three fields, each with its own limit, chosen on seeds below 100: `smooth`, in which the field
-changes by 3 uT at the foot in the median over a window; `between`, 0.65 of smooth and 0.35 of indoor, about 10 uT; and
-`indoor`, fitted to real walks over reinforced floors, 27 uT. The mixture needs no walk of its own: with one seed the
-two have the same steps and the same noise, and the magnetometer's reading is linear in the field. Hard and soft iron
-are removed as drawn. AIEZ's statistic depends on its own threshold, for what passes corrects the heading it is compared
-with. The paper says that beyond P_D = 0.8 P_FA rises much faster. Any curve above the diagonal rises faster at its end
-than on the whole, so that is no test; tested is the slope dP_FA/dP_D: from 0.8 to 0.9 it must be at least twice that
-from 0.7 to 0.8.
+M-E2b. The truth of a stance is the change of the true field over its window (`fg_nav.lab.field_survey`). What is
+quasi-static depends on how much steel there is, so there are three fields, each with its own limit: in the median over
+a window the field changes at the foot by 3 uT in `smooth`, by about 10 in `between` (0.65 of smooth and 0.35 of indoor)
+and by 27 in `indoor`, which is fitted to real walks over reinforced floors. The mixture needs no walk of its own: with
+one seed the two have the same steps and the same noise, and the magnetometer's reading is linear in the field. Hard and
+soft iron are removed as drawn. AIEZ's statistic depends on its own threshold, for what passes corrects the heading it
+is compared with. Any ROC above the diagonal rises faster at its end than on the whole, so that is no test of the
+paper's "much faster": tested is the slope dP_FA/dP_D, which from 0.8 to 0.9 must be twice that from 0.7 to 0.8.
 
-M-E3 office, M-E4 mall. Each printed figure stands beside the filter it is of and beside ours. A column is how a filter
-is set (`fg_nav.ekf.presets`). Judged is the path as started; what the best turn and shift make of it stands beside,
-without a verdict: to choose the kinder way by the result would be no test. The filters as printed have what would break
-them corrected: the signs of Ma (1) and of Ma (38), (39), the row of H in Ma (36).
+M-E3, M-E4. Judged is the path as started; what the best turn and shift make of it stands beside, without a verdict: to
+choose the kinder way by the result would be no test. The filters as printed have what would break them corrected: the
+signs of Ma (1) and of Ma (38), (39), the row of H in Ma (36).
 """
 
 from __future__ import annotations
