@@ -101,6 +101,15 @@ def test_a_yaw_that_goes_off_is_shown_and_turns_the_way(short):
     assert paper.read_run_figure("yaw_after", run, setting, 1) == pytest.approx(180.0, abs=0.5)
 
 
+def test_a_walk_to_the_north_stands_for_a_field_to_the_east(short):
+    for case, nav_field in (("equator", (0, 25, 0)), ("equator, north-south", (25, 0, 0)), ("north-pole", (0, 0, -65))):
+        mag = walks.record_first(short, case, 3).mag
+        turned = np.einsum("nij,nj->ni", short.recording.truth.nav_R_body, mag)
+        np.testing.assert_allclose(turned.mean(axis=0), nav_field, atol=0.01)
+        assert turned.std() == pytest.approx(np.hypot(0.015, np.std(nav_field)), rel=0.01)
+    assert walks.record_first(short, "gravity", 3).mag is None
+
+
 @pytest.fixture(scope="module")
 def kept(tmp_path_factory):
     """A seed with legs of some metres, drawn, and what was shown of it."""
