@@ -39,7 +39,7 @@ from fg_nav.errors import SimulationError
 from fg_nav.lab.campaign.execute import find_simulated, make, recorded_keys, run_here, settings_of, simulated_keys
 from fg_nav.lab.campaign.methods import method_of
 from fg_nav.lab.campaign.walks import LOOP, MAGNETOMETERS, MIXTURES, Recorded, Source
-from fg_nav.lab.reproduce.walks import at_landmarks, mean, used_percent, walk_error
+from fg_nav.lab.reproduce.runner import at_landmarks, mean, used_percent, walk_error
 from fg_nav.lab.simulation import scenario
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.lab.store.code import code_sum

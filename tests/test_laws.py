@@ -69,7 +69,7 @@ def test_each_floor_imports_those_below_it_alone():
 
 
 COMMANDS = {"fg_nav.cli", "fg_nav.commands", "fg_nav.lab.verbs"}
-DRAWING = {"fg_nav.lab.drawing", "fg_nav.lab.field_drawing"}  # Pictures of the laboratory.
+DRAWING = {"fg_nav.lab.drawing"}  # Pictures of the laboratory.
 
 
 def test_the_report_gtsam_and_matplotlib_each_have_their_place():

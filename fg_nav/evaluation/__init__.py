@@ -1,6 +1,6 @@
 """How good a solution is: alignment with truth and figures of merit.
 
-The consistency of claimed sigmas (`fg_nav.lab.consistency`) and the ROC of detectors (`fg_nav.lab.roc`) are
+The consistency of claimed sigmas (`fg_nav.lab.consistency`) and the ROC of detectors (`fg_nav.lab.reproduce.roc`) are
 in the laboratory.
 """
 

@@ -44,6 +44,7 @@ interpolated.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations_with_replacement
@@ -82,21 +83,13 @@ MIN_S = 30.0  # Thirty averages of a second show N to some per cent.
 
 @dataclass(frozen=True)
 class AllanCurve:
-    """Overlapping Allan deviation.
+    """Overlapping Allan deviation."""
 
-    Attributes
-    ----------
-    tau_s : (F,) averaging times.
-    factors : (F,) the same in samples.
-    deviation : (F,) in the unit of the reading.
-    count, period_s : readings that it was made of, and the time between two.
-    """
-
-    tau_s: Floats
-    factors: Ints
-    deviation: Floats
-    count: int
-    period_s: float
+    tau_s: Floats  # (F,) averaging times,
+    factors: Ints  # and the same in samples.
+    deviation: Floats  # (F,) in the unit of the reading.
+    count: int  # Readings that it was made of,
+    period_s: float  # and the time between two.
 
 
 @dataclass(frozen=True)
@@ -111,31 +104,22 @@ class NoisePart:
 
 @dataclass(frozen=True)
 class NoiseFit:
-    """White noise, flicker and random walk of a curve.
+    """What a curve shows."""
 
-    Attributes
-    ----------
-    white, flicker, walk : N, B and K in the units above.
-    low, high : (F,) band about the measured deviation, of `CONFIDENCE`.
-    lowest, lowest_tau_s : the curve's lowest point, the bias instability of sheets.
-    fitted_from_s : averaging time at which the fit begins.
-    misfit : mean square of the residuals in their sigmas, 1 or less where the three laws hold.
-    """
-
-    white: NoisePart
+    white: NoisePart  # N, B and K in the units above.
     flicker: NoisePart
     walk: NoisePart
-    low: Floats
+    low: Floats  # (F,) band about the measured deviation, of `CONFIDENCE`.
     high: Floats
-    lowest: float
-    lowest_tau_s: float
-    fitted_from_s: float
-    misfit: float
+    lowest: float  # The curve's lowest point, the bias instability of sheets,
+    lowest_tau_s: float  # and where it lies.
+    fitted_from_s: float  # Averaging time at which the fit begins.
+    misfit: float  # Mean square of the residuals in their sigmas, 1 or less where the three laws hold.
 
-    def deviation_at(self, tau_s: Floats) -> Floats:
-        """Allan deviation of the fitted model at averaging times (...,) s."""
+    def laws_at(self, tau_s: Floats) -> Floats:
+        """Deviation (3, ...) by N, B and K alone at averaging times (...,) s; their root sum of squares is the fit."""
         N, B, K = self.white.value, self.flicker.value, self.walk.value
-        return np.asarray(np.sqrt(N**2 / tau_s + (FLOOR * B) ** 2 + K**2 * tau_s / 3))
+        return np.stack([N / np.sqrt(tau_s), np.full_like(tau_s, FLOOR * B), K * np.sqrt(tau_s / 3)])
 
 
 def choose_averaging_factors(count: int) -> Ints:
@@ -172,90 +156,78 @@ def fit_noise(curve: AllanCurve) -> NoiseFit:
     scale, m = float(observed.max()), curve.factors.astype(np.float64)
     laws = np.column_stack([1 / m, np.full(len(m), FLOOR**2), m / 3])  # for a sampling period of 1
     products = compute_covariance_products(curve.count, tuple(int(f) for f in curve.factors))
-    whole = _Laws(observed / scale, laws, products)
+
+    def fit(first: int, parts: Sequence[int]) -> _Squares:
+        return _fit_squares(observed[first:] / scale, laws[first:], products[:, :, first:, first:], parts)
+
     # the first averaging time from which the laws fit, or the best where none does
     tried: list[_Squares] = []
     for first in range(max(1, len(observed) - MIN_TIMES)):
-        tried.append(_fit_squares(whole.beginning(first), (0, 1, 2)))
+        tried.append(fit(first, (0, 1, 2)))
         if tried[-1].misfit < MAX_MISFIT and tried[-1].starts_straight:
             break
     else:
         first = int(np.argmin([one.misfit for one in tried]))
     found = all_three = tried[first]
     # without the parts that are not significant, the least first
-    while len(chosen := list(found.parts)) > 1:
-        significance = found.value[chosen] / np.maximum(found.sigma[chosen], 1e-300)
+    parts = [0, 1, 2]
+    while len(parts) > 1:
+        significance = found.value[parts] / np.maximum(found.sigma[parts], 1e-300)
         if significance.min() >= MIN_SIGMAS:
             break
-        least = chosen[int(np.argmin(significance))]
-        found = _fit_squares(whole.beginning(first), tuple(part for part in chosen if part != least))
+        del parts[int(np.argmin(significance))]
+        found = fit(first, parts)
     # N, B and K from their squares; the bound of an insignificant one from the fit of all three
     bound = all_three.value + ONE_SIDED_95 * all_three.sigma
     to_si = scale * np.array([curve.period_s, 1.0, 1.0 / curve.period_s])
-    parts = []
+    noises = []
     for k in range(3):
         square, sigma = float(found.value[k] * to_si[k]), float(found.sigma[k] * to_si[k])
-        if k in found.parts and square > 0.0:
+        if k in parts and square > 0.0:
             value, limit = float(np.sqrt(square)), float(np.sqrt(square + ONE_SIDED_95 * sigma))
-            parts.append(NoisePart(value, sigma / (2 * value), limit, True))
+            noises.append(NoisePart(value, sigma / (2 * value), limit, True))
         else:
-            parts.append(NoisePart(0.0, 0.0, float(np.sqrt(max(bound[k] * to_si[k], 0.0))), False))
+            noises.append(NoisePart(0.0, 0.0, float(np.sqrt(max(bound[k] * to_si[k], 0.0))), False))
     # AVAR is about chi-square with the degrees of freedom of its variance
-    freedom = 2 * (laws @ found.value) ** 2 / np.diag(whole.covariance(found.value))
+    variance = np.einsum("k,l,klii->i", found.value, found.value, products)
+    freedom = 2 * (laws @ found.value) ** 2 / variance
     high, low = (chi2.ppf(p, freedom) for p in ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2))
     low, high = curve.deviation * np.sqrt(freedom / low), curve.deviation * np.sqrt(freedom / high)
     k = int(np.argmin(curve.deviation))
     lowest, lowest_s, from_s = float(curve.deviation[k]), float(curve.tau_s[k]), float(curve.tau_s[first])
-    white, flicker, walk = parts
+    white, flicker, walk = noises
     return NoiseFit(white, flicker, walk, low, high, lowest, lowest_s, from_s, found.misfit)
 
 
 @dataclass(frozen=True)
-class _Laws:
-    """Variances (F,) at their averaging times, the three laws there (F, 3), and the products of their covariance."""
-
-    observed: Floats
-    laws: Floats
-    products: Floats
-
-    def beginning(self, first: int) -> _Laws:
-        """The same without the first averaging times."""
-        return _Laws(self.observed[first:], self.laws[first:], self.products[:, :, first:, first:])
-
-    def covariance(self, value: Floats) -> Floats:
-        """Covariance (F, F) of the variances under N^2, B^2, K^2."""
-        return np.asarray(np.einsum("k,l,klij->ij", value, value, self.products))
-
-
-@dataclass(frozen=True)
 class _Squares:
-    """N^2, B^2, K^2 for a sampling period of 1: `value` and `sigma` (3,), zero but for `parts`."""
+    """N^2, B^2, K^2 for a sampling period of 1: `value` and `sigma` (3,), zero but for the parts that were fitted."""
 
-    parts: tuple[int, ...]
     value: Floats
     sigma: Floats
     misfit: float
     starts_straight: bool
 
 
-def _fit_squares(whole: _Laws, parts: tuple[int, ...]) -> _Squares:
-    """Non-negative least squares of the laws `parts`, weighted by the modelled covariance, which depends on the fit."""
-    chosen, value = list(parts), np.zeros(3)
-    X, observed = whole.laws[:, chosen], whole.observed
-    weight = 1 / np.maximum(observed, MIN_VARIANCE)
+def _fit_squares(observed: Floats, laws: Floats, products: Floats, parts: Sequence[int]) -> _Squares:
+    """Non-negative least squares of some laws, weighted by the modelled covariance, which depends on the fit.
+
+    Variances (F,) at their averaging times, the three laws there (F, 3), and the products of their covariance.
+    """
+    chosen, value, sigma = list(parts), np.zeros(3), np.zeros(3)
+    X, weight = laws[:, chosen], 1 / np.maximum(observed, MIN_VARIANCE)
     for _ in range(ROUNDS):
         value[chosen], _ = nnls(weight[:, None] * X, weight * observed)
-        model, covariance = whole.laws @ value, whole.covariance(value)
+        model, covariance = laws @ value, np.einsum("k,l,klij->ij", value, value, products)
         weight = 1 / np.sqrt(np.diag(covariance) + (MODEL_SHARE * model) ** 2)
     residual = weight * (observed - model)
     misfit = float(residual @ residual / max(1, len(observed) - len(chosen)))
     inverse = np.linalg.pinv(weight[:, None] * X) * weight
-    sigma = np.zeros(3)
     sigma[chosen] = np.sqrt(max(1.0, misfit) * np.diag(inverse @ covariance @ inverse.T))
     start = slice(0, START_COUNT)
     allowed = (START_SHARE * model) ** 2 + 4 * np.diag(covariance)
     straight = bool(((observed - model)[start] ** 2 / allowed[start]).mean() < 1.0)
-    return _Squares(parts, value, sigma, misfit, straight)
+    return _Squares(value, sigma, misfit, straight)
 
 
 _COEFFICIENT = np.array([1.0, -2.0, 1.0])
@@ -263,16 +235,9 @@ _COEFFICIENT = np.array([1.0, -2.0, 1.0])
 
 @lru_cache(maxsize=16)
 def compute_covariance_products(count: int, factors: tuple[int, ...]) -> Floats:
-    """Matrices (3, 3, F, F) in which the covariance of the Allan variances is quadratic.
+    """Matrices P (3, 3, F, F) of n readings: covariance of the Allan variances over averaging times m, in samples.
 
-    Parameters
-    ----------
-    count : readings n.
-    factors : m, averaging times in samples.
-
-    Returns
-    -------
-    P with cov = sum_kl beta_k beta_l P_kl, beta = (N^2, B^2, K^2) for a sampling period of 1.
+    cov = sum_kl beta_k beta_l P_kl with beta = (N^2, B^2, K^2) for a sampling period of 1.
     """
     size = len(factors)
     products = np.empty((3, 3, size, size))

@@ -27,13 +27,7 @@ heading    1
 up         1
 ========== ======= =========================================================================================
 
-|z_k|^2 is the NEES of footfall k, chi-square with n degrees of freedom. As errors along a walk are correlated, the
-share of seeds inside the two-sided band is judged at one footfall at a time, and for the mean over M footfalls the band
-is widened: for Gaussian z_k, z_l with unit variances and correlation C_kl, cov(|z_k|^2, |z_l|^2) = 2 |C_kl|^2 (sum of
-squares), so the mean has mean n and variance v = 2 / M^2 sum_kl |C_kl|^2. It is taken for a scaled chi-square of
-nu = 2 n^2 / v degrees of freedom (Satterthwaite 1946): M n for independent footfalls, n for equal ones; the band holds
-95 to 97 % of honest walks. C is measured over the seeds, as a correlation, so that a claim that is too small cannot
-widen its own band; the expected square of a chance correlation over S seeds, (1 - c^2) / S, is subtracted.
+|z_k|^2 is the NEES of footfall k, chi-square with n degrees of freedom.
 
 Reference: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation (2001), 5.4.
 """
@@ -120,15 +114,10 @@ def compute_stance_nees(
 def whiten_errors(
     found: Comparison, stances: StanceTable, places: Sequence[float] = PLACES
 ) -> dict[str, list[list[float]]]:
-    """Errors over their claim, by part, one row a footfall.
+    """Errors over their claim, by part, one row a footfall at these shares of the walk.
 
-    Parameters
-    ----------
-    found : of the footfalls, laid as started (`fg_nav.lab.walked.compare_at_footfalls`), with a true attitude.
-    stances : of the same solution.
-    places : shares of the walk.
-
-    Raises `EvaluationError` without a true attitude, or where a claimed covariance is not positive definite.
+    `found` is of the footfalls, laid as started, with a true attitude, and `stances` of the same solution. Raises
+    `EvaluationError` without a true attitude, or where a claimed covariance is not positive definite.
     """
     if found.yaw_error is None or len(found.yaw_error) != len(found.row):
         raise EvaluationError("the truth has no attitude at some footfalls, so their heading errors are not known.")
@@ -149,31 +138,6 @@ def whiten_errors(
     return whitened
 
 
-def share_in_band(nees: Floats, freedom: float, mean: float, probability: float = 0.95) -> float:
-    """Share of NEES inside `nees_band`."""
-    low, high = nees_band(freedom, mean, probability)
-    return float(np.mean((nees >= low) & (nees <= high)))
-
-
 def chi2_quantile(probability: float, freedom: float) -> float:
     """Quantile of a chi-square; `scipy.stats` has it too, and takes half a second to load."""
     return 2.0 * float(gammaincinv(freedom / 2.0, probability))
-
-
-def nees_band(freedom: float, mean: float, probability: float = 0.95) -> tuple[float, float]:
-    """Two-sided band of a chi-square of `freedom`, scaled to this mean."""
-    edges = (1 - probability) / 2, (1 + probability) / 2
-    low, high = (chi2_quantile(edge, freedom) * mean / freedom for edge in edges)
-    return low, high
-
-
-def estimate_freedom_of_mean(z: Floats) -> float:
-    """Degrees of freedom of the mean NEES over footfalls, from whitened errors (S, M, n) of S seeds; see above."""
-    seeds, places, n = z.shape
-    flat = z.reshape(seeds, places * n)
-    size = np.sqrt(np.mean(flat**2, axis=0))
-    correlation = (flat.T @ flat) / seeds / np.outer(size, size)
-    squares = np.maximum(correlation**2 - (1 - correlation**2) / seeds, 0.0)
-    block = np.kron(np.eye(places), np.ones((n, n))).astype(bool)
-    squares[block] = np.tile(np.eye(n), (places, places))[block]  # within a footfall the claim says they are white
-    return float(2 * n**2 / (2 * squares.sum() / places**2))

@@ -2,23 +2,59 @@
 
 Quality without a truth: the change of compass minus gyroscope from one footfall to the next. Over a stride the
 gyroscope is right to a tenth of a degree, so the rest is the field's.
+
+Every sample is judged by the scatter of the field's strength, for a sensor that never stands, as in a pocket. MD (16)
+is gated by a detector of the paper's reference 26, which was not available. This one is ours, on the one signal that an
+unknown attitude leaves: the strength |B|. Over a window that ends at the sample, of n samples of |B| with standard
+deviation sigma,
+
+    T = sum (|B| - mean)^2 / sigma^2      is chi squared with n - 1 degrees of freedom in a static field.
+
+The rate d|B|/dt alone vanishes where the strength is greatest, in the midst of a disturbance; the scatter does not.
+If the strength changes evenly by the least change that matters across the window, T is noncentral with
+
+    lambda = (matters / sigma)^2 sum_j (j/(n - 1) - 1/2)^2 = (matters / sigma)^2 n (n + 1) / (12 (n - 1)),
+
+and the threshold is its quantile at the false-alarm rate: the share of such changes that pass. A field that turns and
+keeps its strength is not detected, and an uncalibrated magnetometer is disturbed by its own turning. Only measured
+samples count, not the NaN rows of a slow magnetometer. At the beginning, and after a gap, the window is shorter, and is
+judged as if all of a change had to happen in it.
+
+Quality with a truth. A detector looks at the N steps between the N + 1 stances up to the one it judges. The field of
+such a window is truly quasi-static if it is the same at all of its stances, up to a limit: with b_i the true field
+there, in nav,
+
+    change_k = max |b_i - b_j|    over all pairs    k - N <= i < j <= k.
+
+All pairs, and not the steps alone: a compass that was used over the window is off by the whole change. With horizontal
+strength H its heading changes by asin(limit / H) at most. Static is not right: a field can differ from the Earth's and
+stay so (`measure_compass_deviation`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.special import chndtrix
 
 from fg_nav.arrays import Floats, find_runs
-from fg_nav.errors import MagneticError
+from fg_nav.errors import EvaluationError, MagneticError
 from fg_nav.frames import average_angles, wrap_angle
-from fg_nav.lab.sample_field import MIN_SAMPLES, WINDOW_S, find_sample_threshold, judge_samples
 from fg_nav.magnetic import FieldVerdicts, FootfallField
-from fg_nav.magnetic.detectors import DEFAULT, DETECTORS, OverThreshold, find_own_detectors, judge_field
+from fg_nav.magnetic.detectors import (
+    DEFAULT,
+    DETECTORS,
+    FALSE_ALARM_RATE,
+    OverThreshold,
+    find_own_detectors,
+    judge_field,
+)
 from fg_nav.magnetic.footfall_field import compute_true_heading
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
@@ -180,3 +216,109 @@ def survey_samples(recording: Recording) -> SampleSurvey:
     verdicts = judge_samples(recording)
     assert recording.mag is not None  # or it is refused above
     return SampleSurvey(recording.t, np.linalg.norm(recording.mag, axis=1), verdicts)
+
+
+# --- at every sample --------------------------------------------------------------------------------------------------
+
+WINDOW_S = 1.0  # Of samples: a walker passes a lamp or a car in one to three seconds.
+MIN_SAMPLES = 3  # Of the field in a window that is judged.
+SIGMA_UT = 0.15  # Of one sample of |B|: noise, 0.11 on the simulated MTw, and the residual of a calibration in a turn.
+MATTERS_UT = 0.5  # Least change over the window to be rejected: across a field of 48 uT a turn of half a degree.
+SETTINGS: Mapping[str, float] = MappingProxyType(
+    {
+        "window_s": WINDOW_S, "sigma_uT": SIGMA_UT, "matters_uT": MATTERS_UT, "false_alarm_rate": FALSE_ALARM_RATE,
+    }
+)  # fmt: skip  # For a file of results.
+
+
+@dataclass(frozen=True)
+class Disturbance(OverThreshold):
+    """Verdicts on each of N samples."""
+
+    statistic: Floats
+
+
+def find_sample_threshold(count: int) -> float:
+    """Threshold of the statistic of a sample with `count` samples in its window."""
+    noncentrality = (MATTERS_UT / SIGMA_UT) ** 2 * count * (count + 1) / (12 * (count - 1))
+    return float(chndtrix(FALSE_ALARM_RATE, count - 1, noncentrality))
+
+
+def judge_samples(recording: Recording) -> Disturbance:
+    """Judge the field at each sample by the window that ends there; NaN where that has too few of the field.
+
+    Raises `MagneticError` without a magnetometer, or if no window has enough samples of the field.
+    """
+    if recording.mag is None:
+        raise MagneticError("the recording has no magnetometer, so nothing is known of the field: record with one.")
+    t, strength = recording.t, np.linalg.norm(recording.mag, axis=1)
+    fresh = np.isfinite(strength)
+    value = np.where(fresh, strength - (np.median(strength[fresh]) if fresh.any() else 0.0), 0.0)
+    # sums over the window that ends at each sample
+    begin = np.searchsorted(t, t - WINDOW_S, side="right")
+    totals = (np.concatenate([[0.0], np.cumsum(x)]) for x in (fresh.astype(np.float64), value, value**2))
+    samples, total, squares = (x[1:] - x[begin] for x in totals)
+    scatter = np.maximum(squares - total**2 / np.maximum(samples, 1.0), 0.0)
+    count = np.rint(samples).astype(np.int64)
+    if not (count >= MIN_SAMPLES).any():
+        raise MagneticError(
+            f"no {WINDOW_S:g} s of the recording have {MIN_SAMPLES} samples of the field: record it faster."
+        )
+    threshold = np.full(count.max() + 1, np.nan)
+    for n in np.unique(count[count >= MIN_SAMPLES]):
+        threshold[n] = find_sample_threshold(int(n))
+    return Disturbance(scatter / SIGMA_UT**2 / threshold[count])
+
+
+# --- what is true ----------------------------------------------------------------------------------------------------
+
+
+def measure_field_change(nav_field: Floats, window: int) -> Floats:
+    """Largest change (F,) uT of the true field's vector over the window of each stance; NaN before a whole window.
+
+    `nav_field` (F, 3) uT is true, in nav, at the footfalls; `window` is N, the steps in it. Raises `EvaluationError`
+    for a window of no step, or a walk that is shorter than one window.
+    """
+    _check_window(nav_field, window)
+    return _find_largest(nav_field, window, lambda a, b: np.linalg.norm(a - b, axis=1))
+
+
+def measure_compass_deviation(nav_field: Floats, earth_field: Floats) -> Floats:
+    """Error (F,) rad of the heading that a perfect compass shows in `nav_field` (F, 3) uT, clockwise.
+
+    `earth_field` (3,) or (F, 3) is the field without what deviates it.
+    """
+    return wrap_angle(_bearing(earth_field) - _bearing(nav_field))
+
+
+def measure_course_change(position: Floats, window: int) -> Floats:
+    """Largest difference (F,) rad between the directions of any two of a window's N steps; NaN before the first.
+
+    `position` (F, 3) m, true, at the footfalls. Raises `EvaluationError` as `measure_field_change`.
+    """
+    _check_window(position, window)
+    course = _bearing(np.diff(position, axis=0))
+    change = _find_largest(course, window - 1, lambda a, b: np.abs(wrap_angle(a - b)))
+    return np.concatenate([[np.nan], change])
+
+
+def _check_window(of_stances: Floats, window: int) -> None:
+    if window < 1 or len(of_stances) <= window:
+        raise EvaluationError(
+            f"a window of {window} steps cannot be laid over {len(of_stances)} stances: "
+            f"it needs one step, and {window + 1} stances."
+        )
+
+
+def _bearing(vector: Floats) -> Floats:
+    """Direction (...,) rad over the ground of (..., 3), clockwise from north."""
+    return np.asarray(np.arctan2(vector[..., 0], vector[..., 1]))
+
+
+def _find_largest(values: Floats, window: int, distance: Callable[[Floats, Floats], Floats]) -> Floats:
+    """Largest distance (F,) between any two of the `window` + 1 values up to each; NaN before."""
+    count = len(values) - window
+    largest = np.zeros(count)
+    for a, b in combinations([values[lag : lag + count] for lag in range(window + 1)], 2):
+        largest = np.maximum(largest, distance(a, b))
+    return np.concatenate([np.full(window, np.nan), largest])

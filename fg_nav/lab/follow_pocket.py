@@ -17,10 +17,7 @@ def follow_pocket(
     parameters: PocketSmootherParameters = PocketSmootherParameters(),
     start: PocketStart | None = None,
 ) -> PocketTrack:
-    """Estimates of `OnlinePocket` at each sample of a recording: each uses the data until then.
-
-    Parameters and errors as in `fg_nav.pocket.iterated_smoother.smooth_pocket`.
-    """
+    """Estimates with the data until then; parameters and errors as of `fg_nav.pocket.smooth_pocket`."""
     start = level_start(recording) if start is None else start
     acc, gyr = recording.integrable
     node = place_nodes(recording.t)

@@ -11,8 +11,3 @@ BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072B2", "#D55E00", "#009E73", "
 CYCLE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)  # Colours of methods or axes, in order.
 TRUTH = "#9A9A9A"
 TRUTH_LINE: dict[str, Any] = {"color": TRUTH, "linewidth": 3.0, "alpha": 0.7}
-
-
-def colours(count: int) -> list[str]:
-    """Return one colour a method; after six they begin again."""
-    return [CYCLE[i % len(CYCLE)] for i in range(count)]

@@ -29,16 +29,12 @@ def run_tasks(tasks: Sequence[Callable[[], T]], workers: int) -> Iterator[tuple[
             for done in as_completed(numbers):
                 yield numbers[done], done.result()
         except BaseException:
-            _end(pool)
+            # end the running tasks and drop the others: the pool itself would wait for them
+            at_work = list((pool._processes or {}).values())
+            pool.shutdown(wait=False, cancel_futures=True)
+            for process in at_work:
+                process.terminate()
             raise
-
-
-def _end(pool: ProcessPoolExecutor) -> None:
-    """End the running tasks and drop the others: the pool itself would wait for them."""
-    at_work = list((pool._processes or {}).values())
-    pool.shutdown(wait=False, cancel_futures=True)
-    for process in at_work:
-        process.terminate()
 
 
 def _ignore_interrupt() -> None:

@@ -12,9 +12,7 @@ from fg_nav.io.matlab import mat_array
 
 
 def read_pyshoe_labels(path: Path | str, detector: str = "shoe") -> Bools:
-    """(N,) True where a reference detector of a PyShoe trial sees the foot stand.
-
-    `detector` is `shoe`, `ared`, `amvd`, `mbgtd` or `vicon`, whose `zv_<detector>_opt` is read.
+    """(N,) True where a detector of a PyShoe trial (shoe, ared, amvd, mbgtd, vicon) sees the foot stand.
 
     Raises `FormatError` if the file is no MATLAB file or does not hold these labels.
     """

@@ -23,11 +23,11 @@ from fg_nav.calibration.of_recording import Calibration
 from fg_nav.evaluation.comparison import align, interpolate_truth
 from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.lab.campaign.walks import simulate_calibration
-from fg_nav.lab.landmarks import measure_landmarks
 from fg_nav.lab.simulation import Choices, Scenario, SimulatedWalk, routes, scenario, simulate
 from fg_nav.lab.simulation.path import Path, open_curve, polyline
 from fg_nav.lab.simulation.plan import Section, Stand, Walk
 from fg_nav.lab.simulation.scenarios import FEET, Feet
+from fg_nav.lab.walked import measure_landmarks
 from fg_nav.pipeline import Result, prepare_walk, run_method, take_places
 from fg_nav.places import SavedPlaces, locate, trace_signature
 from fg_nav.smoother import SmootherParameters

@@ -9,7 +9,7 @@ from fg_nav.calibration import UPPER, ellipsoid
 from fg_nav.calibration.ellipsoid import UNKNOWN_UT, Ellipse, calibrate_on_loop, fit_ellipse
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import yaw_rotation
-from fg_nav.lab.extremes import find_ellipse_as_printed, find_ellipse_by_extremes
+from fg_nav.lab.reproduce.ma2018 import find_ellipse_as_printed, find_ellipse_by_extremes
 from fg_nav.magnetic import FootfallField
 from fg_nav.magnetic.footfall_field import compute_field_heading, compute_level_R_body, rotate_to_level
 

@@ -1,4 +1,4 @@
-"""Errors at the footfalls: walks whose errors are known because they were put in."""
+"""Errors at the footfalls and at landmarks: walks whose errors are known because they were put in."""
 
 from dataclasses import replace
 
@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from fg_nav.errors import EvaluationError
-from fg_nav.evaluation.comparison import compare_at_footfalls
+from fg_nav.evaluation.comparison import align, compare_at_footfalls
 from fg_nav.evaluation.metrics import measure_moment
 from fg_nav.frames import yaw_rotation
-from fg_nav.lab.walked import AS_STARTED, BEST_YAW, measure_walk
+from fg_nav.lab.walked import AS_STARTED, BEST_YAW, error_reduction_percent, measure_landmarks, measure_walk
 from fg_nav.truth import FootprintTruth, TrajectoryTruth
-from tests.evaluation.walks import solution
+from tests.evaluation.walks import solution, winding_path
 
 SIDE = 25
 SQUARE = np.array(
@@ -97,27 +97,20 @@ def test_start_is_laid_on_the_start_and_the_heading_is_left_as_it_was():
     assert max(best.end_m, best.max_m) < 1e-9
 
 
-def test_final_heading_error_is_that_of_the_change_clockwise():
-    drift = np.deg2rad(-14.0) * np.linspace(0.0, 1.0, len(SQUARE))  # clockwise
+def test_heading_errors_are_of_the_change_clockwise_and_as_laid_with_the_error_at_the_start():
     turning = np.linspace(0.0, 3 * 2 * np.pi, len(SQUARE))
+    drift = np.deg2rad(-14.0) * np.linspace(0.0, 1.0, len(SQUARE))  # clockwise
     found, truth = walked(SQUARE, SQUARE, yawing(turning + drift + 0.7), yawing(turning))
     for mode in (AS_STARTED, BEST_YAW):
         assert measure_walk(found, truth, mode).heading_deg == pytest.approx(14.0)
     most = np.deg2rad(190.0) * np.linspace(0.0, 1.0, len(SQUARE))
     assert measure_walk(*walked(SQUARE, SQUARE, yawing(most))).heading_deg == pytest.approx(170.0)
-    assert measure_walk(found, TrajectoryTruth(truth.t, truth.position), "yaw").heading_deg is None
-
-
-def test_headings_as_laid_have_the_error_at_the_start_in_them():
-    drift = np.deg2rad(np.concatenate([np.full(50, -3.0), np.full(51, 5.0)]))  # about up: clockwise is minus
-    turning = np.linspace(0.0, 2 * np.pi, len(SQUARE))
-    found, truth = walked(SQUARE, SQUARE, yawing(turning + drift), yawing(turning))
-    errors = measure_walk(found, truth)
-    assert errors.heading_deg == pytest.approx(-8.0)
-    assert errors.heading_laid_deg == pytest.approx(-5.0)
+    step = np.deg2rad(np.concatenate([np.full(50, -3.0), np.full(51, 5.0)]))  # about up: clockwise is minus
+    errors = measure_walk(*walked(SQUARE, SQUARE, yawing(turning + step), yawing(turning)))
+    assert (errors.heading_deg, errors.heading_laid_deg) == pytest.approx((-8.0, -5.0))
     assert errors.heading_rmse_deg == pytest.approx(np.sqrt((50 * 9.0 + 51 * 25.0) / 101))
-    bare = measure_walk(found, TrajectoryTruth(truth.t, truth.position))
-    assert (bare.heading_laid_deg, bare.heading_rmse_deg) == (None, None)
+    bare = measure_walk(found, TrajectoryTruth(truth.t, truth.position), "yaw")
+    assert (bare.heading_deg, bare.heading_laid_deg, bare.heading_rmse_deg) == (None, None, None)
 
 
 def test_the_best_yaw_takes_a_wrong_heading_at_the_start_off():
@@ -184,3 +177,42 @@ def test_surveyed_footprints_are_taken_with_the_best_yaw_only():
 def test_no_footfall_is_an_error_in_words():
     with pytest.raises(EvaluationError, match="no stance"):
         measure_walk(solution(np.arange(101.0), SQUARE, np.array([], dtype=int)))
+
+
+# --- at landmarks ----------------------------------------------------------------------------------------------------
+
+T = np.linspace(0.0, 40.0, 401)
+AT_S = np.array([2.0, 7.5, 13.0, 20.0, 26.51, 40.0])
+
+
+def test_errors_at_landmarks_are_over_the_ground_in_the_alignment_of_the_footfalls():
+    path = np.column_stack([T, np.zeros((len(T), 2))])
+    off = np.zeros((6, 3))
+    off[[0, 1, 3, 5], :2] = [[0.3, 0.4], [0.0, 2.0], [-0.5, 0.0], [3.0, 4.0]]
+    off[[0, 2], 2] = 9.0
+    places = np.column_stack([AT_S, np.zeros((6, 2))]) - off
+    level = align(path, path, "none")
+    found = measure_landmarks(solution(T, path), ("A", "B", "C") * 2, AT_S, places, level)
+    np.testing.assert_allclose(found.error_m, [0.5, 2.0, 0.0, 0.5, 0.0, 5.0], atol=1e-12)
+    assert found.landmark == ("A", "B", "C") * 2
+    with pytest.raises(EvaluationError, match=r"landmark C is crossed at 40\.000 s.*0\.000 to 39\.900 s"):
+        measure_landmarks(solution(T[:-1], path[:-1]), ("A", "B", "C") * 2, AT_S, places, level)
+    with pytest.raises(EvaluationError, match="crosses no landmark"):
+        measure_landmarks(solution(T, path), (), AT_S[:0], places[:0], level)
+    path = winding_path(np.random.default_rng(3), len(T))
+    places = np.column_stack([np.interp(AT_S, T, axis) for axis in path.T])
+    turned = (path - path[0]) @ yaw_rotation(0.2).T + [1.0, 2.0, 3.0]
+    best, started = (
+        measure_landmarks(solution(T, turned), "ABCABC", AT_S, places, align(turned, path, mode)).error_m
+        for mode in ("yaw", "origin")
+    )
+    assert best.max() < 1e-9
+    np.testing.assert_allclose(started, 2 * np.sin(0.1) * np.linalg.norm((places - path[0])[:, :2], axis=1))
+
+
+def test_ma_s_figures():
+    assert error_reduction_percent(1.5, 11.3) == pytest.approx(86.7, abs=0.05)  # printed: 85 %
+    assert error_reduction_percent(2.0, 2.0) == 0.0
+    assert error_reduction_percent(3.0, 2.0) == pytest.approx(-50.0)
+    with pytest.raises(EvaluationError, match="take another"):
+        error_reduction_percent(1.0, 0.0)

@@ -11,7 +11,7 @@ from scipy.stats import chi2, kstest
 from fg_nav.ekf.presets import find_parameters
 from fg_nav.errors import MagneticError
 from fg_nav.frames import yaw_rotation
-from fg_nav.lab.sample_field import (
+from fg_nav.lab.field_survey import (
     MATTERS_UT,
     SIGMA_UT,
     WINDOW_S,

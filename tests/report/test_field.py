@@ -9,7 +9,7 @@ from matplotlib.colors import to_rgb
 
 from fg_nav.arrays import Floats
 from fg_nav.earth import EarthField
-from fg_nav.lab.field_drawing import ACCEPTED, REJECTED, UNJUDGED, plot_field
+from fg_nav.lab.drawing import ACCEPTED, REJECTED, UNJUDGED, plot_field
 from fg_nav.lab.field_survey import FieldSurvey, measure_coverage
 from fg_nav.lab.verbs.detect import tabulate_footfalls
 from fg_nav.magnetic import FieldVerdicts, FootfallField

@@ -31,11 +31,12 @@ CONNECT_S = 10.0
 PATIENCE_S = 300.0  # For the first worker: a node of a queue takes minutes.
 TICK_S = 0.2  # Between two looks at what is done, and at Ctrl-C.
 LAST_PORT = 65535
+ADDRESS = re.compile(r"(?P<by>tcp|tls)://(\[[0-9a-fA-F:.%]+\]|[\w.-]+):(?P<port>[0-9]+)")
+GOES_ON = "and the same command goes on from there"
+OTHER = "they have another version of it, of Python or of libraries"
 
 Client: TypeAlias = Any
 Notify: TypeAlias = Callable[[str], None]  # Shows the user a sentence.
-
-_ADDRESS = re.compile(r"(?P<by>tcp|tls)://(\[[0-9a-fA-F:.%]+\]|[\w.-]+):(?P<port>[0-9]+)")
 
 _LOCAL = {
     "distributed.deploy.lost-worker-timeout": f"{PATIENCE_S:.0f}s",  # a busy machine takes long to start another
@@ -53,22 +54,20 @@ def check_installed() -> None:
     """Raise `CampaignError` if Dask or Arrow is not installed."""
     try:
         import dask
-        import distributed
+        import distributed  # noqa: F401
         import pyarrow  # noqa: F401
     except ImportError as error:
-        raise CampaignError(
-            f"campaigns need Dask and Arrow, and {error.name} is not there: pip install 'fg-nav[campaign]'."
-        ) from None
+        words = f"campaigns need Dask and Arrow, and {error.name} is not there: pip install 'fg-nav[campaign]'."
+        raise CampaignError(words) from None
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # workers that die are handled here
     dask.config.set({"logging.distributed": "critical"})
-    del distributed
 
 
 def check_address(address: str) -> None:
     """Raise `CampaignError` if there can be no scheduler; Dask would print a traceback of its own."""
     from distributed.security import Security
 
-    found = _ADDRESS.fullmatch(address)
+    found = ADDRESS.fullmatch(address)
     if found is None or int(found["port"]) > LAST_PORT:
         raise CampaignError(f"'{address}' is no address of a Dask scheduler: write it as tcp://host:8786.")
     if found["by"] == "tls" and Security().get_connection_args("client").get("ssl_context") is None:
@@ -80,12 +79,8 @@ def run_on_dask(
 ) -> Iterator[tuple[Result, ...]]:
     """Execute tasks on the cluster of a scheduler, or on so many local workers; yields the results of each.
 
-    Raises
-    ------
-    CampaignError
-        If scheduler or workers are gone, or cannot run a task.
-    KeyboardInterrupt
-        After Ctrl-C, before the next results.
+    Raises `CampaignError` if scheduler or workers are gone, or cannot run a task, and `KeyboardInterrupt` after Ctrl-C,
+    before the next results.
     """
     from distributed import as_completed
     from distributed.scheduler import KilledWorker
@@ -121,7 +116,7 @@ def run_on_dask(
                         lost = future.status in ("cancelled", "lost") or client.status != "running"
                         raise _explain(error, lost) from None
                     if any(result.code != code_sum() for result in results):
-                        raise _other_code("they have another version of it, of Python or of libraries")
+                        raise _other_code(OTHER)
                     yield results
                 stop.wait(TICK_S)
             if stop.is_set():
@@ -136,21 +131,19 @@ def _connect(scheduler: str | None, workers: int) -> Iterator[Client]:
 
     with ExitStack() as opened:
         try:
+            place: Any = scheduler
             if scheduler is None:
                 opened.enter_context(dask.config.set(_LOCAL))
-                local = LocalCluster(
-                    n_workers=workers, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0",
-                    silence_logs=logging.CRITICAL,
-                )  # fmt: skip
-                opened.enter_context(local)
-            client = Client(scheduler or local, timeout=CONNECT_S, set_as_default=False)
+                looks = {"dashboard_address": "127.0.0.1:0", "silence_logs": logging.CRITICAL}
+                place = LocalCluster(n_workers=workers, threads_per_worker=1, host="127.0.0.1", **looks)
+                opened.enter_context(place)
+            client = Client(place, timeout=CONNECT_S, set_as_default=False)
         except (OSError, RuntimeError, ValueError, ImportError) as error:
-            raise CampaignError(
-                f"no Dask cluster could be started here ({error}): try fewer --workers."
-                if scheduler is None
-                else f"no Dask scheduler answers at {scheduler}: start one with `dask scheduler`, or leave --scheduler "
-                "out."
-            ) from None
+            words = f"no Dask cluster could be started here ({error}): try fewer --workers."
+            if scheduler is not None:
+                there = f"no Dask scheduler answers at {scheduler}"
+                words = f"{there}: start one with `dask scheduler`, or leave --scheduler out."
+            raise CampaignError(words) from None
         try:
             yield client
         finally:
@@ -165,10 +158,8 @@ def wait_for_workers(client: Client, notify: Notify) -> int:
     try:
         client.wait_for_workers(1, timeout=PATIENCE_S)
     except TimeoutError:
-        raise CampaignError(
-            f"the cluster has had no workers for {PATIENCE_S:.0f} s: start some "
-            "(`dask worker ADDRESS --nthreads 1`, one a core), and the same command goes on from there."
-        ) from None
+        start = "start some (`dask worker ADDRESS --nthreads 1`, one a core)"
+        raise CampaignError(f"the cluster has had no workers for {PATIENCE_S:.0f} s: {start}, {GOES_ON}.") from None
     return len(client.scheduler_info(n_workers=-1)["workers"])
 
 
@@ -179,7 +170,7 @@ def check_code(client: Client) -> None:
     except Exception as error:
         raise _explain(error) from None
     if codes != {code_sum()}:
-        raise _other_code("they have another version of it, of Python or of libraries")
+        raise _other_code(OTHER)
 
 
 def _send(client: Client, tasks: Sequence[Task]) -> dict[Any, Task]:
@@ -192,16 +183,14 @@ def _send(client: Client, tasks: Sequence[Task]) -> dict[Any, Task]:
 def _explain(error: Exception, lost: bool = False) -> CampaignError:
     """Return what ends a campaign: a lost scheduler, other code, or a worker that cannot work."""
     if lost:
-        return CampaignError("the scheduler is gone: what is done is stored, and the same command goes on from there.")
+        return CampaignError(f"the scheduler is gone: what is done is stored, {GOES_ON}.")
     first, *_ = " ".join(str(error).split()).split(". ")  # Dask's errors have several lines, and links
     words = f"{type(error).__name__}: {first}"
     if isinstance(error, ImportError | AttributeError) or "deserializ" in words:
         return _other_code(words)
-    return CampaignError(f"a worker cannot work ({words}): see to it, and the same command goes on from there.")
+    return CampaignError(f"a worker cannot work ({words}): see to it, {GOES_ON}.")
 
 
 def _other_code(reason: str) -> CampaignError:
-    return CampaignError(
-        f"the workers cannot run this fg-nav ({reason}): install the same version there, on the scheduler and on each "
-        "worker."
-    )
+    here = "install the same version there, on the scheduler and on each worker"
+    return CampaignError(f"the workers cannot run this fg-nav ({reason}): {here}.")

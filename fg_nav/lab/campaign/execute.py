@@ -11,6 +11,7 @@ written here.
 from __future__ import annotations
 
 import threading
+import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -29,12 +30,19 @@ from fg_nav.evaluation.comparison import compare_at_footfalls
 from fg_nav.lab.campaign.methods import method_of, solve_by
 from fg_nav.lab.campaign.walks import LOOP, MIXTURES, NONE, RAW, WALK, Reading, Simulated, Source, UserScenario, unpack
 from fg_nav.lab.consistency import whiten_errors
-from fg_nav.lab.landmarks import measure_landmarks
 from fg_nav.lab.processes import run_tasks
 from fg_nav.lab.simulation import Choices, scenario, simulate
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.results import NOT_USED, USED, Key, Result, read_result, write_result
-from fg_nav.lab.walked import AS_STARTED, BEST_YAW, CLOSURE, measure_errors, measure_walk, path_length_m
+from fg_nav.lab.walked import (
+    AS_STARTED,
+    BEST_YAW,
+    CLOSURE,
+    measure_errors,
+    measure_landmarks,
+    measure_walk,
+    path_length_m,
+)  # fmt: skip
 from fg_nav.magnetic.detectors import QUASI_STATIC
 from fg_nav.pipeline import prepare_walk
 from fg_nav.text import to_json
@@ -62,8 +70,7 @@ class Task:
         return [Task(self.source, {key: of}) for key, of in self.settings.items()]
 
 
-Execute: TypeAlias = Callable[[Sequence[Task]], Iterable[Sequence[Result]]]
-"""Executes tasks; the results of each come when they are made."""
+Execute: TypeAlias = Callable[[Sequence[Task]], Iterable[Sequence[Result]]]  # The results of each when they are made.
 
 
 def find_simulated(key: Key) -> Source:
@@ -160,7 +167,7 @@ def evaluate_outcome(blank: Result, source: Source, walk: Walk, outcome: Outcome
     place = solution.stances.position
     if truth is None:
         own = {CLOSURE: _round_positions(place)}
-        return replace(done, errors={CLOSURE: measure_walk(solution)}, estimate=own, every=False)
+        return replace(done, errors={CLOSURE: measure_walk(solution)}, estimate=own)
     names = tuple(one.landmark for one in source.landmarks)
     time_s, crossed = (np.array([getattr(one, what) for one in source.landmarks]) for what in ("time_s", "position"))
     errors, estimate, at_landmarks, whitened = {}, {}, {}, {}
@@ -180,7 +187,6 @@ def evaluate_outcome(blank: Result, source: Source, walk: Walk, outcome: Outcome
         whitened=whitened,
         estimate=estimate,
         truth=_round_positions(aligned.truth),
-        every=not aligned.planar,
         landmark=names,
         landmark_m=at_landmarks,
         notes=(*done.notes, *aligned.notes),
@@ -239,12 +245,10 @@ def settings_of(
     The walk is one of a scenario, perhaps the user's `own`, or `recorded` in `files` (SHA-256 by name).
     """
     loop = reading.calibration if recorded and reading else None
-    settings: dict[str, Any] = {
-        "method": parameters_of(key.method),
-        "stances": StanceParameters(),
-        "magnetometer": {LOOP: loop, WALK: WalkCalibrationParameters()}.get(key.magnetometer),
-        "walk": files if recorded else _describe_scenario(key.group, key.field, own),
-    }
+    magnetometer = {LOOP: loop, WALK: WalkCalibrationParameters()}.get(key.magnetometer)
+    walk = files if recorded else _describe_scenario(key.group, key.field, own)
+    settings: dict[str, Any] = {"method": parameters_of(key.method), "stances": StanceParameters()}
+    settings |= {"magnetometer": magnetometer, "walk": walk}
     if reading is not None and reading.format is not None:
         settings["format"] = reading.format
     return dict(to_json(settings))
@@ -273,13 +277,8 @@ def _probe() -> Walk:
 @cache
 def _describe_scenario(name: str, level: str, own: UserScenario | None) -> dict[str, Any]:
     one = Choices(field=level).apply_to(scenario(name) if own is None else own.scenario)
-    description = {
-        "worn": one.worn,
-        "site": one.site,
-        "field": (level, MIXTURES.get(level)),
-        "magnets": one.magnets,
-        "sensor": one.prior,
-    }
+    description: dict[str, Any] = {"worn": one.worn, "site": one.site, "field": (level, MIXTURES.get(level))}
+    description |= {"magnets": one.magnets, "sensor": one.prior}
     if own is not None:
-        description |= {"course": own.course, "aligned": one.aligned}
+        description |= {"course": tomllib.loads(own.text)["course"], "aligned": one.aligned}
     return dict(to_json(description))

@@ -7,7 +7,7 @@ those of `"iez:physical"` for that one alone.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
@@ -28,12 +28,12 @@ from fg_nav.lab.campaign.walks import (
     MIXTURES,
     RECORDED,
     Reading,
+    Recorded,
     Simulated,
     Source,
     UserScenario,
-    WalkFile,
     find_walks,
-)
+)  # fmt: skip
 from fg_nav.lab.simulation import scenario
 from fg_nav.lab.simulation.checks import shorten
 from fg_nav.lab.simulation.scenario_file import SUFFIX
@@ -95,7 +95,7 @@ class Plan:
     seeds: Sequence[int]
     methods: tuple[str, ...]  # Words (`fg_nav.lab.campaign.methods`), one for each point of a grid.
     magnetometers: tuple[str, ...]  # Of recorded walks too.
-    walks: Mapping[tuple[str, str], WalkFile]  # Recorded, by folder and name.
+    walks: Mapping[tuple[str, str], Recorded]  # By folder and name.
     own: Mapping[str, UserScenario]  # The user's scenarios, by name among the others.
 
     def list_keys(self) -> list[Key]:
@@ -103,7 +103,7 @@ class Plan:
         recorded: dict[str, list[str]] = {}
         for group, name in self.walks:
             recorded.setdefault(group, []).append(name)
-        calibrated = {group for (group, _), walk in self.walks.items() if walk.source.reading.calibration is not None}
+        calibrated = {group for (group, _), walk in self.walks.items() if walk.reading.calibration is not None}
         keys = [
             *simulated_keys(self.scenarios, self.fields, self.magnetometers, self.methods, self.seeds),
             *recorded_keys(recorded, RECORDED, self.magnetometers, self.methods, calibrated),
@@ -120,7 +120,7 @@ class Plan:
 
     def settings(self, keys: Sequence[Key]) -> dict[Key, Settings]:
         """Return what each result is made with; the walks of one scenario share it."""
-        files = {name: (walk.sums(), walk.source.reading) for name, walk in self.walks.items()}
+        files = {name: (walk.sums(), walk.reading) for name, walk in self.walks.items()}
         simulated = cache(settings_of)
         return {
             key: settings_of(key, True, *files[key.group, key.walk])
@@ -132,7 +132,7 @@ class Plan:
     def find_source(self, key: Key) -> Source:
         """Return the walk of a result."""
         if key.field == RECORDED:
-            return self.walks[key.group, key.walk].source
+            return self.walks[key.group, key.walk]
         return Simulated(key.group, key.field, int(key.walk), self.own.get(key.group))
 
 
@@ -141,11 +141,10 @@ def read_plan(path: Path) -> Plan:
 
     Raises `CampaignError` if the file cannot be read, has unknown keys or names, or values of another type.
     """
+    text = _read_text(path, "plan")
     try:
-        content = tomllib.loads(read_small(path).decode("utf-8-sig"))
-    except OSError as error:
-        raise CampaignError(f"the plan {path} cannot be read ({error.strerror}): name a .toml file.") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        content = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
         raise CampaignError(f"{path.name} is no TOML: {error}.") from None
     except (ValueError, RecursionError):  # Python reads so many digits only, and lists in so many lists
         raise CampaignError(f"{path.name} has a number too long or a list too deep to be read: correct it.") from None
@@ -155,6 +154,15 @@ def read_plan(path: Path) -> Plan:
         raise CampaignError(f"{path.name}: {_describe(error)}") from None
     except FgNavError as error:
         raise CampaignError(f"{path.name}: {error}") from None
+
+
+def _read_text(path: Path, what: str) -> str:
+    try:
+        return read_small(path).decode("utf-8-sig")
+    except OSError as error:
+        raise CampaignError(f"the {what} {path} cannot be read ({error.strerror}): name a .toml file.") from None
+    except UnicodeDecodeError as error:
+        raise CampaignError(f"{path.name} is no TOML: {error}.") from None
 
 
 def _describe(error: ValidationError) -> str:
@@ -182,7 +190,7 @@ def _check_plan(file: PlanFile, folder: Path) -> Plan:
         if name in scenarios:
             raise CampaignError(f"two scenarios are named '{name}': rename one, results go by its name.")
         if given.endswith(SUFFIX):
-            own[name] = _read_scenario(folder / given)
+            own[name] = UserScenario(name, _read_text(folder / given, "scenario"))
         scenarios[name] = own[name].scenario if name in own else scenario(name)
         if scenarios[name].worn not in ON_A_FOOT:
             worn = scenarios[name].worn
@@ -196,14 +204,15 @@ def _check_plan(file: PlanFile, folder: Path) -> Plan:
         if calibration is not None and calibration.magnetometer is None:
             raise CampaignError(f"{table.calibration} has no magnetometer: calibrate on circles, or leave it out.")
         readings[name] = Reading(table.format, calibration)
-    found = find_walks([folder / name for name in dict.fromkeys(file.recordings)], readings)
-    walks = {(walk.group, walk.name): walk for walk in found}
+    walks = find_walks([folder / name for name in dict.fromkeys(file.recordings)], readings)
     # All results.
     fields = _check_known("field", file.fields, (*FIELDS, *MIXTURES))
     magnetometers = _check_known("magnetometer", file.magnetometers, MAGNETOMETERS)
     seeds = _list_seeds(file) if scenarios else range(0)
     methods = _list_methods(list(dict.fromkeys(file.methods)), file.parameters)
-    _check_size((len(scenarios) * len(fields) * len(seeds) + len(walks)) * len(magnetometers) * len(methods))
+    results = (len(scenarios) * len(fields) * len(seeds) + len(walks)) * len(magnetometers) * len(methods)
+    if results > MAX_RESULTS:
+        raise CampaignError(f"{results} results are too many: plan at most {MAX_RESULTS}.")
     return Plan(tuple(scenarios), fields, seeds, methods, magnetometers, walks, own)
 
 
@@ -214,16 +223,6 @@ def _check_known(what: str, given: Sequence[str], known: Sequence[str]) -> tuple
     return tuple(dict.fromkeys(given))
 
 
-def _read_scenario(path: Path) -> UserScenario:
-    """Read a file with a scenario; raises `CampaignError`, or `SimulationError` when its scenario is asked for."""
-    try:
-        return UserScenario(path.name, read_small(path).decode("utf-8"))
-    except OSError as error:
-        raise CampaignError(f"the scenario {path} cannot be read ({error.strerror}): name a file that can.") from None
-    except UnicodeDecodeError as error:
-        raise CampaignError(f"{path.name} is no TOML: {error}.") from None
-
-
 def _list_seeds(file: PlanFile) -> Sequence[int]:
     if file.seeds is None:
         raise CampaignError("no seeds: give how many walks of each scenario, seeds = 20, or a list.")
@@ -232,11 +231,6 @@ def _list_seeds(file: PlanFile) -> Sequence[int]:
     if isinstance(file.seeds, list) or file.seeds == 0:
         raise CampaignError(f"seeds cannot be {file.seeds!r}: {_SEEDS}.")
     return range(file.first_seed, file.first_seed + file.seeds)
-
-
-def _check_size(results: int) -> None:
-    if results > MAX_RESULTS:
-        raise CampaignError(f"{results} results are too many: plan at most {MAX_RESULTS}.")
 
 
 def _list_methods(words: Sequence[str], grids: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
@@ -253,32 +247,28 @@ def _list_methods(words: Sequence[str], grids: Mapping[str, Mapping[str, Any]]) 
         for name in (method.name, f"{method.name}:{method.preset}"):
             grid |= _flatten(grids.get(name, {}), name)
             unused.discard(name)
-        _check_size(prod(len(values) for values in grid.values()))
-        points = (tuple(sorted(zip(grid, point, strict=True))) for point in product(*grid.values()))
-        found += [replace(method, changes=changes).checked().word for changes in points]
+        if (points := prod(len(values) for values in grid.values())) > MAX_RESULTS:
+            raise CampaignError(f"{points} results are too many: plan at most {MAX_RESULTS}.")
+        changes = (tuple(sorted(zip(grid, point, strict=True))) for point in product(*grid.values()))
+        found += [replace(method, changes=some).checked().word for some in changes]
     if unused:
         raise CampaignError(f"parameters are given of '{min(unused)}', which is not among the methods: add it there.")
     return tuple(dict.fromkeys(found))
 
 
-def _flatten(table: Mapping[str, Any], where: str) -> dict[str, list[Scalar]]:
+def _flatten(table: Mapping[str, Any], where: str, before: str = "") -> dict[str, list[Scalar]]:
     """Dotted names, each with its values."""
     flat: dict[str, list[Scalar]] = {}
-    for name, value in _list_dotted(table):
-        values = value if isinstance(value, list) else [value]
-        if not values or not all(type(one) in get_args(Scalar) for one in values):
-            raise CampaignError(
-                f"{name} of {where} cannot be {value!r}: give a number, true or false, a word, or a list."
-            )
-        if name in flat:
-            raise CampaignError(f"{name} of {where} is given twice, with and without quotes: give it once.")
-        flat[name] = values
-    return flat
-
-
-def _list_dotted(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    for name, value in table.items():
+    for key, value in table.items():
+        name, values = f"{before}{key}", value if isinstance(value, list) else [value]
         if isinstance(value, Mapping):
-            yield from _list_dotted(value, f"{before}{name}.")
+            inner = _flatten(value, where, f"{name}.")
+        elif values and all(type(one) in get_args(Scalar) for one in values):
+            inner = {name: values}
         else:
-            yield f"{before}{name}", value
+            words = f"{name} of {where} cannot be {value!r}"
+            raise CampaignError(f"{words}: give a number, true or false, a word, or a list.")
+        if twice := flat.keys() & inner.keys():
+            raise CampaignError(f"{min(twice)} of {where} is given twice, with and without quotes: give it once.")
+        flat |= inner
+    return flat

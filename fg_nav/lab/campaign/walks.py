@@ -10,16 +10,14 @@ from __future__ import annotations
 import hashlib
 import os
 import tempfile
-import tomllib
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -31,7 +29,6 @@ from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError, CampaignError
 from fg_nav.frames import compute_heading
 from fg_nav.io import read, read_truth
-from fg_nav.lab.campaign.folder import RESULTS_CSV
 from fg_nav.lab.simulation import Choices, Scenario, SimulatedWalk, scenario, simulate
 from fg_nav.lab.simulation.scenario_file import parse_scenario
 from fg_nav.lab.simulation.walk import Passing
@@ -65,11 +62,6 @@ class UserScenario:
     def scenario(self) -> Scenario:
         """As the simulator takes it; raises `SimulationError` if the file describes what cannot be."""
         return parse_scenario(self.name, self.text)
-
-    @property
-    def course(self) -> Any:
-        """The file's course, which nothing else of the scenario contains."""
-        return tomllib.loads(self.text)["course"]
 
 
 @dataclass(frozen=True)
@@ -160,6 +152,14 @@ class Recorded:
         """All of its files, the recording first."""
         return [self.path, *self.beside, *([] if self.truth is None else [self.truth])]
 
+    def sums(self) -> dict[str, str]:
+        """SHA-256 of each file by its name, empty of one that cannot be read: a file that changed makes others."""
+        sums = dict.fromkeys((path.name for path in self.files), "")
+        for path in self.files:
+            with suppress(OSError), path.open("rb") as file:
+                sums[path.name] = hashlib.file_digest(file, "sha256").hexdigest()
+        return sums
+
     def prepare(self, magnetometer: str) -> Walk:
         """Input of all methods: the heading at the start is not known."""
         calibration = self.reading.calibration if magnetometer == LOOP else None
@@ -209,50 +209,33 @@ SHARED_TRUTHS = ("truth.tum", "truth.csv", "truth.mat")  # Of a walk alone in it
 
 OUR_TABLES = (
     "landmarks.csv", "strides.csv", "strides_polished.csv", "person.csv", "strides_left.csv", "strides_right.csv",
-    "online_left.csv", "online_right.csv", "online.csv", "comparison.csv", "field.csv", RESULTS_CSV,
+    "online_left.csv", "online_right.csv", "online.csv", "comparison.csv", "field.csv", "results.csv",
 )  # fmt: skip
 
 RECORDED = "recorded"  # In place of a field.
 
 
-@dataclass(frozen=True)
-class WalkFile:
-    """A recording in a folder: the folder's name, the file's name from there, and where it is read from."""
-
-    group: str
-    name: str
-    source: Recorded
-
-    def sums(self) -> dict[str, str]:
-        """SHA-256 of each file by its name, empty of one that cannot be read: a file that changed makes others."""
-        sums = {}
-        for path in self.source.files:
-            try:
-                with path.open("rb") as file:
-                    sums[path.name] = hashlib.file_digest(file, "sha256").hexdigest()
-            except OSError:
-                sums[path.name] = ""
-        return sums
-
-
-def find_walks(folders: Sequence[Path], readings: Mapping[str, Reading] = MappingProxyType({})) -> tuple[WalkFile, ...]:
-    """Find the walks of folders, sorted within each; `readings` are by the folders' names.
+def find_walks(
+    folders: Sequence[Path], readings: Mapping[str, Reading] = MappingProxyType({})
+) -> dict[tuple[str, str], Recorded]:
+    """Find the walks of folders by the folder's name and the file's from there; `readings` are by the folders' names.
 
     Raises `CampaignError` if a folder is not there or holds no walk, two have the same name, a file's name is no text,
     or a reading is of no folder.
     """
-    found: dict[str, list[WalkFile]] = {}
+    found: dict[tuple[str, str], Recorded] = {}
+    groups: set[str] = set()
     for folder in folders:
         if not os.path.isdir(folder):  # unlike the path's own it has no error for a name that is too long
             raise CampaignError(f"there is no folder {folder} with recordings: name one that is there.")
         group = folder.resolve().name
-        if group in found:
+        if group in groups:
             raise CampaignError(f"two folders of recordings are named '{group}': rename one, results go by its name.")
+        groups.add(group)
         paths = sorted(path for path in _list_files(folder) if _is_walk(path))
         if not paths:
             raise CampaignError(f"{folder} holds no recordings: a recording is a file {', '.join(SUFFIXES)}.")
         walks_in = Counter(path.parent for path in paths)
-        found[group] = []
         for path in paths:
             try:
                 str(path).encode()
@@ -266,11 +249,11 @@ def find_walks(folders: Sequence[Path], readings: Mapping[str, Reading] = Mappin
             beside = path.with_suffix(".mat")
             others = (beside,) if beside != path and beside.is_file() else ()
             source = Recorded(path.resolve(), truth, others, readings.get(group, Reading()))
-            found[group].append(WalkFile(group, path.relative_to(folder).as_posix(), source))
+            found[group, path.relative_to(folder).as_posix()] = source
     for name in readings:
-        if name not in found:
+        if name not in groups:
             raise CampaignError(f"reading is given of '{name}', which is no folder of recordings: add it there.")
-    return tuple(chain.from_iterable(found.values()))
+    return found
 
 
 def _list_files(folder: Path) -> Iterator[Path]:

@@ -11,9 +11,7 @@ import base64
 import json
 import os
 import platform
-from collections.abc import Iterator
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from importlib import metadata
@@ -25,21 +23,9 @@ from rich.text import Text
 from fg_nav.errors import OutputError
 from fg_nav.lab.reproduce import results
 from fg_nav.lab.reproduce.drawing import PICTURES
-from fg_nav.lab.reproduce.results import (
-    MISSED,
-    MISSED_EXPLAINED,
-    Experiment,
-    Picture,
-    Reproduction,
-    describe_counts,
-    format_name,
-    format_note,
-    format_printed,
-    format_spread,
-    write_reproduction,
-)
+from fg_nav.lab.reproduce.results import MISSED, MISSED_EXPLAINED, Picture, Reproduction
 from fg_nav.lab.reproduce.runner import run_paper
-from fg_nav.lab.store.files import REPRODUCTION_MARKER, list_visible, make_folder, read_marker, write_text
+from fg_nav.lab.store.files import REPRODUCTION_MARKER, list_visible, make_folder, write_text
 from fg_nav.report.folder import lock_result, unwritable
 from fg_nav.report.terminal import console, progress, ruled_table
 from fg_nav.text import find_version, to_json
@@ -69,36 +55,24 @@ def reproduce(
     result and `force` is not set, or cannot be written.
     """
     number = (QUICK_SEEDS if quick else SEEDS) if seeds is None else seeds
-    with claim_folder(out, paper, force):
+    descriptor, _ = lock_result(out)
+    try:
+        _mark_folder(out, paper, force)
         # make the experiments, whose pictures are all in a folder of their own
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         with progress(f"{paper}, {number} seeds") as show_done:
-            try:
-                make_folder(out / PICTURES)
-                made = run_paper(paper, out, range(first, first + number), workers or count_cores(), show_done, quick)
-            except BrokenProcessPool:
-                raise OutputError(_ENDED) from None
+            make_folder(out / PICTURES)
+            made = run_paper(paper, out, range(first, first + number), workers or cores, show_done, quick)
+        # write the page, then the results
         command = f"fg-nav lab reproduce {paper} --seeds {number} --first {first}{' --quick' if quick else ''}"
         versions = {"fg-nav": find_version(), "Python": platform.python_version()}
         versions |= {name: metadata.version(name) for name in _LIBRARIES}
         found = replace(made, command=command, versions=versions, parameters=to_json(made.parameters))
-        # write the page, then the results
         write_text(out / REPORT, write_page(found, out))
-        write_text(out / RESULTS, write_reproduction(found))
-    return found
-
-
-def count_cores() -> int:
-    """How many processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-@contextmanager
-def claim_folder(out: Path, paper: str, force: bool) -> Iterator[None]:
-    """Make the folder ours while the block runs, or refuse; with `force` take the old report out of it."""
-    descriptor, _ = lock_result(out)
-    try:
-        _mark_folder(out, paper, force)
-        yield
+        write_text(out / RESULTS, results.write_reproduction(found))
+        return found
+    except BrokenProcessPool:
+        raise OutputError(_ENDED) from None
     finally:
         os.close(descriptor)
 
@@ -106,14 +80,15 @@ def claim_folder(out: Path, paper: str, force: bool) -> Iterator[None]:
 def _mark_folder(out: Path, paper: str, force: bool) -> None:
     """Put down whose folder it is, and take away what is of a result that is no more."""
     try:
-        held, *_ = read_marker(out, REPRODUCTION_MARKER) or [""]
+        marker = out / REPRODUCTION_MARKER
+        held = marker.read_text(encoding="utf-8").strip() if marker.is_file() else ""
         present = list_visible(out)
         if held != paper and present:
             what = f"the results of {held}" if held else f"'{present[0]}', which this command does not write"
             raise OutputError(f"{out} holds {what}: choose another --out.")
         if (out / RESULTS).exists() and not force:
             raise OutputError(f"{out} already holds a result: choose another --out, or replace it with --force.")
-        write_text(out / REPRODUCTION_MARKER, f"{paper}\n")
+        write_text(marker, f"{paper}\n")
         for path in (out / RESULTS, out / REPORT, *(out / PICTURES).glob("figure-*.png")):
             path.unlink(missing_ok=True)
     except OSError as error:
@@ -127,48 +102,27 @@ def print_rows(found: Reproduction, out: Path) -> None:
     reasons = []
     for experiment in found.experiments:
         screen.print(f"\n{experiment.name}  {experiment.title}", style="bold", soft_wrap=True)
-        if experiment.rows:
-            screen.print(_make_table(experiment, len(found.seeds)))
+        table = ruled_table("", "paper", *experiment.columns, "verdict")
         for row in experiment.rows:
+            name, columns = results.format_name(row), experiment.columns
+            ours = (Text(results.format_spread(row, column, len(found.seeds))) for column in columns)
+            style = "bold red" if row.verdict == MISSED else ""
+            table.add_row(Text(name), Text(results.format_printed(row)), *ours, Text(row.verdict, style=style))
             if row.verdict in (MISSED_EXPLAINED, MISSED):
-                parts = (row.verdict, f"{experiment.name}, {format_name(row)}", format_note(row))
+                parts = (row.verdict, f"{experiment.name}, {name}", results.format_note(row))
                 reasons.append(": ".join(part for part in parts if part))
+        if experiment.rows:
+            screen.print(table)
     said = [*reasons, ""] if reasons else []
-    for words in ["", *said, describe_counts(found), f"report: {out / REPORT}", f"files: {out}"]:
+    for words in ["", *said, results.describe_counts(found), f"report: {out / REPORT}", f"files: {out}"]:
         screen.print(words, soft_wrap=True)
 
-
-def _make_table(experiment: Experiment, walks: int) -> object:
-    table = ruled_table("", "paper", *experiment.columns, "verdict")
-    for row in experiment.rows:
-        ours = (Text(format_spread(row, column, walks)) for column in experiment.columns)
-        style = "bold red" if row.verdict == MISSED else ""
-        table.add_row(Text(format_name(row)), Text(format_printed(row)), *ours, Text(row.verdict, style=style))
-    return table
-
-
-_LOOKS = {
-    results.REPRODUCED: ("good", "="),
-    results.BETTER: ("better", "+"),
-    results.MISSED_EXPLAINED: ("caution", "~"),
-    results.MISSED: ("bad", "\N{MULTIPLICATION SIGN}"),
-    results.PUT_IN: ("aside", "\N{RIGHTWARDS ARROW}"),
-    results.AS_ASKED: ("good", "\N{CHECK MARK}"),
-    results.SHORT: ("bad", "\N{MULTIPLICATION SIGN}"),
-}
-"""Class of a verdict on the page and the sign before it: color is not all that distinguishes them."""
 
 _PNG = b"\x89PNG\r\n\x1a\n"
 
 
 def write_page(found: Reproduction, folder: Path) -> str:
-    """Return the page; the pictures are read from the folder.
-
-    Raises
-    ------
-    OutputError
-        If a picture is not there, or is no PNG.
-    """
+    """Return the page; the pictures are read from the folder. Raises `OutputError` if one is not there, or no PNG."""
     environment = Environment(
         loader=ChoiceLoader([PackageLoader(place, ".") for place in ("fg_nav.lab.reproduce", "fg_nav.report.page")]),
         autoescape=True,
@@ -189,7 +143,6 @@ def write_page(found: Reproduction, folder: Path) -> str:
         found=found,
         counts=results.count_verdicts(found),
         meanings=results.MEANINGS,
-        looks=_LOOKS,
         seeds=results.format_seeds(found),
         tolerance=f"{100 * results.TOLERANCE:.0f} %",
     )

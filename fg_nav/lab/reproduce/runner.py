@@ -1,36 +1,39 @@
 """One runner for all papers: make what is missing of a table's walks and measurements, and read its rows off them.
 
 The module of a paper has a `PAPER`: which measurements its table needs besides methods on walks, and how they are read.
+The folder is that of `fg_nav.lab.store.results`, so that results of a campaign with the same walks hold here too. Each
+walk is stored as soon as it is made, so ending a run loses only what its workers were at.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+import math
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from numpy.typing import NDArray
+from fg_nav.lab.campaign.execute import Task, make, run_task, settings_of, simulated_keys
+from fg_nav.lab.campaign.walks import LOOP
+from fg_nav.lab.processes import run_tasks
+from fg_nav.lab.reproduce.results import Experiment, Line, Picture, Reproduction, Spread, Table, read_table, spread_of
+from fg_nav.lab.simulation.fields.building import CLUTTERS, SMOOTH_KINDS
+from fg_nav.lab.store.code import code_sum
+from fg_nav.lab.store.files import make_folder
+from fg_nav.lab.store.results import USED, Arrays, Key, Measurement, Result, read_result
+from fg_nav.lab.walked import AS_STARTED, BEST_YAW, error_reduction_percent
+from fg_nav.magnetic import DETECTORS
+from fg_nav.text import format_count
 
-from fg_nav.lab.reproduce.results import Experiment, Picture, Reproduction, Row, Spread
-from fg_nav.lab.reproduce.table import Line, Planned, Table, read_table
-from fg_nav.lab.reproduce.walks import (
-    FIGURES,
-    Walks,
-    describe_other_code,
-    describe_walks,
-    keys_of,
-    parameters_of,
-    read_walks,
-    run_missing,
-    spread_over,
-)
-from fg_nav.lab.store.results import Measurement
+RESULTS_FOLDER = "cells"  # Of the folder of a reproduction.
+FIELDS: dict[str, Any] = {"smooth": SMOOTH_KINDS, **CLUTTERS}  # Objects and floor of a level.
 
 Parts = Mapping[str, Sequence[Measurement]]  # By kind.
 Measures = Mapping[str, Callable[[Line], Mapping[str, Spread]]]  # By the first word of `Line.measure`: by column.
+Figure = Callable[[Result], float | None]  # Of a walk; None where it has none.
 
 
 @dataclass(frozen=True)
@@ -39,14 +42,17 @@ class Made:
 
     table: Table
     folder: Path
-    seeds: Sequence[int]
     levels: Sequence[str]
-    walks: Walks
+    results: Mapping[tuple[str, str, str], Sequence[Result]]  # By scenario, field, method; in the order of the seeds.
     parts: Parts
 
-    def load(self, kind: str) -> list[dict[str, NDArray[Any]]]:
+    def load(self, kind: str) -> list[Arrays]:
         """Return the arrays of each measurement of a kind."""
         return [part.load(self.folder) for part in self.parts[kind]]
+
+    def of(self, scenario: str, level: str, method: str) -> Sequence[Result]:
+        """Results of one method; none if it was not asked for."""
+        return self.results.get((scenario, level, method), ())
 
 
 @dataclass(frozen=True)
@@ -78,15 +84,26 @@ def run_paper(
     # make what is missing
     levels = table.quick_fields if quick and table.quick_fields else table.fields
     scenarios = [planned.scenario for planned in table.experiments if planned.scenario]
-    keys = [key for scenario in scenarios for key in keys_of(scenario, levels, table.methods, seeds)]
+    keys = simulated_keys(scenarios, levels, [LOOP], table.methods, seeds)  # the shoe calibrated on a loop, as Ma did
     parts = paper.parts(seeds, quick)
     run_missing(folder, keys, [part for some in parts.values() for part in some], workers, progress)
     # read the rows off it
-    made = Made(table, folder, seeds, levels, read_walks(folder, keys), parts)
+    made = Made(table, folder, levels, read_walks(folder, keys), parts)
     found = paper.read(made)
     experiments = []
     for planned in table.experiments:
-        rows = [row for line in planned.lines(levels) if (row := _fill_row(made, found, planned, line))]
+        rows = []
+        for line in planned.lines(levels):
+            what = str(line.measure[0])
+            if what in FIGURES:  # of each method of a filter, over the walks through a scenario
+                methods = table.filters[line.of].items()
+                ours = {
+                    one: spread_over(made.of(planned.scenario, line.level, by), FIGURES[what]) for one, by in methods
+                }
+            else:
+                ours = dict(found.measures[what](line))
+            ours = {column: one for column, one in ours.items() if one.n and column not in line.without}
+            rows += [table.judge(line, ours)] if ours else []
         title, pictures = f"{planned.title} ({planned.source})", found.pictures.get(planned.name, ())
         experiments.append(Experiment(planned.name, title, planned.setting, planned.columns, rows, pictures))
     return Reproduction(
@@ -94,22 +111,146 @@ def run_paper(
         table.citation,
         tuple(seeds),
         experiments,
-        (*table.differs, *([table.quick] if quick and table.quick else []), *describe_other_code(made.walks)),
-        parameters_of(made.walks) | describe_walks(keys, table.detectors) | dict(found.parameters),
+        (*table.differs, *([table.quick] if quick and table.quick else []), *describe_other_code(made.results)),
+        {
+            **{method: _parameters_of(made, method) for method in dict.fromkeys(key.method for key in keys)},
+            **describe_walks(keys, table.detectors),
+            **found.parameters,
+        },
     )
 
 
-def _fill_row(made: Made, found: Found, planned: Planned, line: Line) -> Row | None:
-    """Return a row with our figures; None where no walk has one."""
-    name = str(line.measure[0])
-    measure = partial(_measure_methods, made, planned.scenario) if name in FIGURES else found.measures[name]
-    ours = {column: one for column, one in measure(line).items() if one.n and column not in line.without}
-    return made.table.judge(line, ours) if ours else None
+def run_missing(
+    folder: Path,
+    keys: Sequence[Key],
+    measurements: Sequence[Measurement],
+    workers: int = 1,
+    progress: Callable[[float], None] = lambda _: None,
+) -> None:
+    """Make what is not stored in the folder; the progress is the share of the tasks done.
+
+    Raises `OutputError` if a folder or a file cannot be written.
+    """
+    results = make_folder(folder / RESULTS_FOLDER)
+    parts = [partial(one.run, folder) for one in measurements if one.read(folder) is None]
+
+    def execute(tasks: Sequence[Task]) -> Iterator[Sequence[Result]]:
+        calls: list[Callable[[], Sequence[Result] | None]] = [*(partial(run_task, task) for task in tasks), *parts]
+        for done, (_, made) in enumerate(run_tasks(calls, workers), start=1):
+            yield made or ()
+            progress(done / len(calls))
+
+    deque(make({key: settings_of(key) for key in keys}, results, execute), maxlen=0)
 
 
-def _measure_methods(made: Made, scenario: str, line: Line) -> dict[str, Spread]:
-    """A figure of each method of a filter, over the walks through a scenario."""
+def read_walks(folder: Path, keys: Sequence[Key]) -> dict[tuple[str, str, str], list[Result]]:
+    """Read results, all of which are there; only the first of a method that did not fail keeps its path."""
+    found: dict[tuple[str, str, str], list[Result]] = {}
+    for key in keys:
+        result = read_result(folder / RESULTS_FOLDER, key, settings_of(key))
+        assert result is not None, f"{key.file} was not made"
+        before = found.setdefault((key.group, key.field, key.method), [])
+        if any(one.estimate for one in before):  # paths are most of a result's memory
+            result = replace(result, estimate={}, truth=(), whitened={})
+        before.append(result)
+    return found
+
+
+# --- what it was made with -------------------------------------------------------------------------------------------
+
+
+def describe_other_code(results: Mapping[tuple[str, str, str], Sequence[Result]]) -> tuple[str, ...]:
+    """Return one sentence if other code than this (`fg_nav.lab.store.code`) made some of the results."""
+    codes = [one.code for some in results.values() for one in some]
+    others = Counter(code for code in codes if code != code_sum())
+    if not others:
+        return ()
+    sums = ", ".join(f"{number} with sum {code}" for code, number in others.most_common())
+    return (
+        f"{others.total()} of {format_count(len(codes), 'result')} on walks were made by another state of the code, "
+        f"or of its libraries, than this one ({sums}), with the same parameters: "
+        f"without the folder '{RESULTS_FOLDER}' all are made again.",
+    )
+
+
+def _parameters_of(made: Made, method: str) -> Mapping[str, Any]:
+    """Return the effective parameters of a method, of its first walk in the first scenario and field."""
+    first = next(some for (_, _, by), some in made.results.items() if by == method)
+    return next((result.parameters for result in first if not result.failed), {})
+
+
+def describe_walks(keys: Iterable[Key], detectors: Iterable[str]) -> dict[str, Any]:
+    """Return by name the site, sensor and place of each scenario, the objects of each field, and these detectors."""
+    keys = list(keys)
+    of_scenario = {key.group: settings_of(key)["walk"] for key in reversed(keys)}
+    levels = sorted({key.field for key in keys} & set(FIELDS))
     return {
-        column: spread_over(made.walks.of(scenario, line.level, method), FIGURES[str(line.measure[0])])
-        for column, method in made.table.filters[line.of].items()
+        **{
+            f"scenario {name}": {what: one for what, one in walk.items() if what != "field"}
+            for name, walk in sorted(of_scenario.items())
+        },
+        **{f"field {level}": FIELDS[level] for level in levels},
+        **{f"detector {name}": DETECTORS[name] for name in detectors},
     }
+
+
+# --- figures of walks ------------------------------------------------------------------------------------------------
+
+
+def walk_error(result: Result, name: str, mode: str = AS_STARTED) -> float | None:
+    """Size of an error of `WalkErrors`, in this alignment; None where there is none."""
+    errors = result.errors.get(mode)
+    value = None if errors is None else getattr(errors, name)
+    return None if value is None else float(abs(value))
+
+
+def at_landmarks(result: Result, of: Callable[[Sequence[float]], float], mode: str = AS_STARTED) -> float | None:
+    """Mean or largest error over the crossings of landmarks; None where there is none."""
+    errors = result.landmark_m.get(mode)
+    return None if not errors else float(of(errors))
+
+
+def mean(values: Sequence[float]) -> float:
+    """Arithmetic mean, the same in whatever order the sum is made."""
+    return math.fsum(values) / len(values)
+
+
+def used_percent(result: Result) -> float | None:
+    """Share of the footfalls at which the method used the field."""
+    return 100.0 * result.used.count(USED) / len(result.used) if result.used else None
+
+
+def max_percent(result: Result) -> float | None:
+    """Largest error in percent of the path length."""
+    errors = result.errors.get(AS_STARTED)
+    return None if errors is None or errors.max_m is None else 100.0 * errors.max_m / errors.distance_m
+
+
+FIGURES: dict[str, Figure] = {
+    **{name: partial(walk_error, name=name) for name in ("end_m", "end_percent", "heading_deg", "mean_m", "max_m")},
+    "landmark_mean_m": partial(at_landmarks, of=mean),
+    "landmark_max_m": partial(at_landmarks, of=max),
+    "laid_max_m": partial(walk_error, name="max_m", mode=BEST_YAW),
+    "laid_landmark_mean_m": partial(at_landmarks, of=mean, mode=BEST_YAW),
+    "used_percent": used_percent,
+    "max_percent": max_percent,
+}  # By the names that tables have for them; what those of errors mean: `fg_nav.lab.walked`.
+
+
+def spread_over(results: Sequence[Result], figure: Figure) -> Spread:
+    """Median and spread over walks; a failed walk is infinitely wrong."""
+    values = [math.inf if result.failed else figure(result) for result in results]
+    return spread_of([value for value in values if value is not None])
+
+
+def reduction_over(results: Sequence[Result], reference: Sequence[Result], figure: Figure) -> Spread:
+    """Median and spread, over walks, of the reduction of a figure against that of another method on the same walk."""
+    theirs = {result.key.walk: figure(result) for result in reference}
+    found = []
+    for result in results:
+        one, other = figure(result), theirs.get(result.key.walk)
+        if one is not None and other:
+            found.append(error_reduction_percent(one, other))
+        elif result.failed:
+            found.append(-math.inf)
+    return spread_of(found)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Container, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -59,20 +59,6 @@ def make_folder(path: Path) -> Path:
     return path
 
 
-def read_marker(out: Path, marker: str) -> list[str]:
-    """Return the lines of a folder's marker file; none if there is no such file."""
-    path = out / marker
-    return path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
-
-
 def list_visible(out: Path) -> list[str]:
     """Return the sorted names in a folder that are not hidden; none if there is no folder."""
     return sorted(entry.name for entry in out.iterdir() if not entry.name.startswith(".")) if out.exists() else []
-
-
-def find_foreign(out: Path, marker: str, ours: Container[str] = ()) -> str:
-    """Return a name in a folder without our marker that is not ours, the marker of another command first; or ""."""
-    if (out / marker).is_file():
-        return ""
-    others = [other for other in MARKERS if other != marker and (out / other).is_file()]
-    return next(iter([*others, *(name for name in list_visible(out) if name not in ours)]), "")

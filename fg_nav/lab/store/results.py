@@ -15,8 +15,8 @@ import inspect
 import json
 import math
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias
@@ -52,19 +52,14 @@ MEASUREMENTS = "parts"  # Folder of the measurements of a reproduction.
 class Measurement:
     """Arrays that a function measures once for one seed, such as a calibration loop.
 
-    They hold as long as the code is the same, to the last statement: the library's and the function's own module, which
-    imports no other module of the experiments.
-
-    Attributes
-    ----------
-    name : of the file.
-    measure : call of a function of a module, which can be sent to another process.
+    They hold as long as the code is the same, to the last statement: the library's, and that of all modules in the
+    folder of the function's own, which `code_sum` leaves out.
     """
 
-    name: str
-    measure: partial[Arrays]
+    name: str  # of the file
+    measure: partial[Arrays]  # call of a function of a module, which can be sent to another process
 
-    def read(self, folder: Path) -> dict[str, NDArray[Any]] | None:
+    def read(self, folder: Path) -> Arrays | None:
         """Return the stored arrays; None if there are none that hold."""
         try:
             with np.load(folder / MEASUREMENTS / f"{self.name}.npz") as found:
@@ -80,7 +75,7 @@ class Measurement:
         with atomic_write(path) as temporary, temporary.open("wb") as file:
             np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
 
-    def load(self, folder: Path) -> dict[str, NDArray[Any]]:
+    def load(self, folder: Path) -> Arrays:
         """Return the arrays, measured now if they are missing."""
         if self.read(folder) is None:
             self.run(folder)
@@ -90,17 +85,15 @@ class Measurement:
 
     @property
     def _code(self) -> str:
-        return f"{FORM} {code_sum()} {_sum_module(self.measure.func)}"
+        return f"{FORM} {code_sum()} {_sum_folder(Path(inspect.getfile(self.measure.func)).parent)}"
 
 
 @cache
-def _sum_module(function: Callable[..., Any]) -> str:
-    """Sum over the module of a function, which `code_sum` leaves out."""
-    return sum_sources([Path(inspect.getfile(function))])
+def _sum_folder(folder: Path) -> str:
+    return sum_sources(sorted(folder.glob("*.py")))
 
 
-MAX_NAME, CUT = 200, 160
-"""Bytes of a file's name before `.json`, and of a longer one after cutting: file systems allow 255."""
+MAX_NAME, CUT = 200, 160  # Bytes of a file's name before `.json`, and of a longer one after cutting: 255 are allowed.
 
 USED, NOT_USED = "u", "-"  # Flag of a footfall in `Result.used`.
 
@@ -127,50 +120,32 @@ class Key:
 
 @dataclass(frozen=True)
 class Result:
-    """What one method made of one walk.
-
-    Attributes
-    ----------
-    key, settings, code : which result, its settings, and the sum over the code that made it.
-    failed : why there is no more; empty if there is.
-    errors : by alignment (`fg_nav.lab.walked`).
-    landmark : names, one a crossing.
-    landmark_m : error at each crossing, by alignment.
-    whitened : errors of position and heading over their sigma, by part (`fg_nav.lab.consistency`).
-    estimate, truth : (K, 2) m, (M, 2) m at the footfalls, by alignment.
-    every : whether the truth is that of every footfall.
-    used : (K,) whether the method used the field.
-    samples, runtime_s : of the method.
-    parameters : effective ones of the method.
-    notes : remarks.
-    """
+    """What one method made of one walk."""
 
     key: Key
     settings: Mapping[str, Any]
-    code: str
-    failed: str = ""
-    errors: Mapping[str, WalkErrors] = field(default_factory=dict)
-    landmark: Sequence[str] = ()
-    landmark_m: Mapping[str, Sequence[Number]] = field(default_factory=dict)
-    whitened: Mapping[str, Sequence[Sequence[Number]]] = field(default_factory=dict)
-    estimate: Mapping[str, Sequence[Sequence[Number]]] = field(default_factory=dict)
-    truth: Sequence[Sequence[Number]] = ()
-    every: bool = True
-    used: str = ""
+    code: str  # sum over the code that made it
+    failed: str = ""  # why there is no more; empty if there is
+    errors: Mapping[str, WalkErrors] = field(default_factory=dict)  # by alignment (`fg_nav.lab.walked`)
+    landmark: Sequence[str] = ()  # names, one a crossing
+    landmark_m: Mapping[str, Sequence[Number]] = field(default_factory=dict)  # error at each crossing, by alignment
+    whitened: Mapping[str, Sequence[Sequence[Number]]] = field(
+        default_factory=dict
+    )  # by part (`fg_nav.lab.consistency`)
+    estimate: Mapping[str, Sequence[Sequence[Number]]] = field(
+        default_factory=dict
+    )  # (K, 2) m at footfalls, by alignment
+    truth: Sequence[Sequence[Number]] = ()  # (M, 2) m
+    used: str = ""  # (K,) whether the method used the field
     samples: int = 0
-    runtime_s: float = 0.0
-    parameters: Mapping[str, Any] = field(default_factory=dict)
+    runtime_s: float = 0.0  # of the method
+    parameters: Mapping[str, Any] = field(default_factory=dict)  # effective ones of the method
     notes: Sequence[str] = ()
 
     @property
     def us_per_sample(self) -> float:
         """Runtime of the method alone."""
         return 1e6 * self.runtime_s / max(self.samples, 1)
-
-
-def drop_paths(result: Result) -> Result:
-    """Return a result without estimate, truth and whitened errors, which are most of its memory."""
-    return replace(result, estimate={}, truth=(), whitened={})
 
 
 def write_result(folder: Path, result: Result) -> None:

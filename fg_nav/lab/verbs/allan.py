@@ -39,19 +39,10 @@ def describe_noise(noise: RecordingNoise, source: Path) -> dict[str, Any]:
     for one in noise.sensors:
         sensors[one.sensor] = {"rate_hz": one.rate_hz}
         for axis, curve, fit in zip(AXES, one.curves, one.fits, strict=True):
-            sensors[one.sensor][axis] = {
-                "N": fit.white,
-                "B": fit.flicker,
-                "K": fit.walk,
-                "lowest": fit.lowest,
-                "lowest_tau_s": fit.lowest_tau_s,
-                "fitted_from_s": fit.fitted_from_s,
-                "misfit": fit.misfit,
-                "tau_s": curve.tau_s,
-                "deviation": curve.deviation,
-                "low": fit.low,
-                "high": fit.high,
-            }
+            parts = {"N": fit.white, "B": fit.flicker, "K": fit.walk}
+            figures = {name: getattr(fit, name) for name in ("lowest", "lowest_tau_s", "fitted_from_s", "misfit")}
+            measured = {"tau_s": curve.tau_s, "deviation": curve.deviation, "low": fit.low, "high": fit.high}
+            sensors[one.sensor][axis] = parts | figures | measured
     known = {"version": find_version(), "recording": str(source)}
     return {**known, "start_s": noise.start_s, "seconds": noise.seconds, "sensors": sensors}
 

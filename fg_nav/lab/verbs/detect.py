@@ -18,9 +18,10 @@ from fg_nav.commands.shared import (
 )
 from fg_nav.earth import Place, compute_field
 from fg_nav.errors import MagneticError
-from fg_nav.lab.field_drawing import draw_survey, plot_samples
+from fg_nav.lab.drawing import draw_survey, plot_samples
 from fg_nav.lab.field_survey import (
     SAMPLEWISE,
+    SETTINGS,
     FieldSurvey,
     SampleSurvey,
     parse_detectors,
@@ -28,7 +29,6 @@ from fg_nav.lab.field_survey import (
     survey_field,
     survey_samples,
 )
-from fg_nav.lab.sample_field import SETTINGS
 from fg_nav.lab.verbs import DetectRequest
 from fg_nav.lab.verbs.allan import print_place
 from fg_nav.magnetic.detectors import find_detector
@@ -105,16 +105,11 @@ def describe_survey(walk: Walk, survey: FieldSurvey) -> dict[str, object]:
     strength, inclination = field.strength, np.degrees(field.inclination)
     detectors = {}
     for one in survey.coverage:
-        detectors[one.detector] = {
-            "threshold": survey.verdicts[one.detector].threshold,
-            "judged": one.judged,
-            "quasi_static": one.accepted,
-            "share": one.share,
-            "longest_run": one.longest_run,
-            "change_deg": one.change_deg,
-            "change_all_deg": one.change_all_deg,
-            "parameters": SETTINGS if one.detector == SAMPLEWISE else find_detector(one.detector),
-        }
+        counts = {"judged": one.judged, "quasi_static": one.accepted, "share": one.share}
+        runs = {name: getattr(one, name) for name in ("longest_run", "change_deg", "change_all_deg")}
+        parameters = SETTINGS if one.detector == SAMPLEWISE else find_detector(one.detector)
+        threshold = survey.verdicts[one.detector].threshold
+        detectors[one.detector] = {"threshold": threshold, **counts, **runs, "parameters": parameters}
     return {
         **describe_recording(walk),
         "notes": collect_survey_notes(walk),

@@ -11,8 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from fg_nav.commands.shared import RESULTS, Answer
 from fg_nav.lab.campaign.cluster import KILLED
-from fg_nav.lab.campaign.command import Summary, choose_cluster, run_campaign
-from fg_nav.lab.campaign.folder import TABLES
+from fg_nav.lab.campaign.command import TABLES, Summary, choose_cluster, run_campaign
 from fg_nav.lab.reproduce.command import print_rows
 from fg_nav.lab.reproduce.command import reproduce as reproduce_paper
 from fg_nav.lab.reproduce.results import describe_reproduction

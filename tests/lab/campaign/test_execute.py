@@ -1,6 +1,7 @@
 """What is made of a task: a walk once for all its results, each for itself, with its files or without."""
 
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -60,7 +61,7 @@ def test_each_seed_of_a_plan_is_a_walk_of_its_own():
     assert not np.array_equal(loops[0][:5], loops[1][:5])
 
 
-def test_files_go_with_the_task(tmp_path, counted):
+def test_files_go_with_the_task_and_one_that_cannot_be_read_fails_in_the_same_words(tmp_path, counted, monkeypatch):
     path = tmp_path / "walk.csv"
     write_canonical(simulate("demo", 101).recording, path)
     whole = task((RAW,), source=Recorded(path))
@@ -71,26 +72,16 @@ def test_files_go_with_the_task(tmp_path, counted):
     path.unlink()
     assert without_times(run_task(sent)) == without_times(expected)
     assert len(counted) == 1
-
-
-def test_a_file_that_cannot_be_read_fails_in_the_same_words_here_and_there(tmp_path):
-    (tmp_path / "walk.csv").write_text("time_s\n1\n")
-    source = Recorded(tmp_path / "walk.csv")
-    [here], [there] = (run_task(task((RAW,), ("iez",), one)) for one in (source, pack(source)))
+    gone = pack(Recorded(path))
+    assert "walk.csv" in run_task(task((RAW,), ("iez",), gone))[0].failed
+    path.write_text("time_s\n1\n")
+    [here], [there] = (run_task(task((RAW,), ("iez",), one)) for one in (Recorded(path), pack(Recorded(path))))
     assert here.failed == there.failed
     assert here.failed.startswith("walk.csv")
-    gone = pack(Recorded(tmp_path / "gone.csv"))
-    assert "gone.csv" in run_task(task((RAW,), ("iez",), gone))[0].failed
-
-
-def test_a_full_disk_is_the_workers_trouble_and_no_result(tmp_path, monkeypatch):
-    def full(*_, **__):
-        raise OSError(28, "No space left")
-
-    (tmp_path / "walk.csv").write_text("x\n")
-    monkeypatch.setattr(walks.tempfile, "TemporaryDirectory", full)
+    # a full disk is the worker's trouble, and no result
+    monkeypatch.setattr(walks.tempfile, "TemporaryDirectory", Mock(side_effect=OSError(28, "No space left")))
     with pytest.raises(OSError, match="No space left"):
-        run_task(task(source=pack(Recorded(tmp_path / "walk.csv"))))
+        run_task(task(source=pack(Recorded(path))))
 
 
 @pytest.mark.parametrize("error", [ZeroDivisionError("by nothing"), EstimationError("no stance.")])

@@ -9,7 +9,7 @@ import pytest
 from fg_nav.calibration.of_recording import Calibration, write_calibration
 from fg_nav.errors import CampaignError
 from fg_nav.io import write_canonical
-from fg_nav.lab.campaign import folder as table
+from fg_nav.lab.campaign import command as table
 from fg_nav.lab.campaign.execute import parameters_of, run_task, settings_of, tasks_of
 from fg_nav.lab.campaign.methods import Method, method_of, solve_by
 from fg_nav.lab.campaign.plan import read_plan
@@ -72,19 +72,13 @@ def test_parameters_make_a_grid_of_a_method(tmp_path):
 BAD = {
     "colour = 1\n" + GOOD: "no 'colour' in a plan",
     "": "nothing to walk on",
-    "scenarios = []": "scenarios cannot be []",
     "scenarios = 'demo'": "give a list",
     GOOD.replace("demo", "moon"): "no scenario 'moon'",
-    GOOD.replace("demo", "pocket-street"): "on no foot",
     GOOD.replace("seeds = 2", ""): "no seeds",
-    GOOD.replace("= 2", "= -2"): "seeds cannot be",
     GOOD.replace("= 2", "= true"): "seeds cannot be",
-    GOOD.replace("= 2", "= []"): "seeds cannot be",
     GOOD.replace("= 2", "= 10_000_000_000_000_000_000_000"): "seeds cannot be",
     GOOD.replace("= 2", "= 999_999_999"): "too many",
-    GOOD.replace("= 2", "= 500_000"): "too many",
     GOOD.replace('"iez"', '"magic"'): "no method 'magic'",
-    GOOD.replace('"iez"', '"pocket"'): "pocket",
     GOOD.replace('"iez"', '"iez:magic"'): "no preset 'magic'",
     GOOD.replace('"iez"', '"smoother:physical"'): "smoother has no presets",
     GOOD.replace('"iez"', '"iez,gravity=9"'): "write [parameters.iez]",
@@ -96,14 +90,12 @@ BAD = {
     'recordings = ["empty"]\n' + GOOD: "holds no recordings",
     'recordings = ["walks", "other/walks"]\n' + GOOD: "two folders of recordings are named 'walks'",
     'recordings = ["walks"]\nmethods = ["iez"]\nseeds = 3': "of scenarios",
-    GOOD + "parameters = 3": "write [parameters.METHOD]",
     GOOD + "[parameters]\niez = 3": "write [parameters.METHOD]",
     GOOD + "[parameters.aiez]\ngravity = 9.8": "'aiez', which is not among the methods",
     GOOD + '[parameters."iez:physical"]\ngravity = 9.8': "'iez:physical', which is not among the methods",
     GOOD + "[parameters.smoother]\nmagnetic.magic = 1": "no parameter 'magnetic.magic'",
     GOOD + "[parameters.smoother]\nmagnetic = 1": "has parts",
     GOOD + "[parameters.smoother]\nmagnetic.rounds = 1.5": "give a whole number",
-    GOOD + "[parameters.smoother]\nmagnetic.rounds = []": "cannot be []",
     GOOD + "[parameters.smoother]\nwalk.floors = 1": "give true or false",
     GOOD + "[parameters.smoother]\ngravity = nan": "give a number",
     GOOD + "[parameters.smoother]\nmagnetic.gate = 'a/b'": "give one word",
@@ -116,7 +108,6 @@ BAD = {
     GOOD.replace("demo", "bad.toml"): "bad.toml: it has no table [course]",
     GOOD.replace("demo", "pocket.toml"): "on no foot",
     GOOD.replace('"demo"', '"own.toml", "walks/own.toml"'): "two scenarios are named 'own.toml'",
-    f"{RECORDED}reading = 3": "write [reading.FOLDER]",
     f"{RECORDED}[reading]\nformat = 'xio'": "write [reading.FOLDER]",
     f"{RECORDED}[reading.others]\nformat = 'xio'": "'others', which is no folder of recordings",
     f"{RECORDED}[reading.walks]\ncolour = 'red'": "no 'colour' in reading.walks",
@@ -146,14 +137,11 @@ def test_each_bad_plan_has_its_sentence(tmp_path):
         assert "\n" not in said
 
 
-def test_a_file_that_is_no_plan(tmp_path):
+def test_what_is_no_plan_and_two_walks_that_would_be_one_file_are_refused(tmp_path):
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
     for name, words in (("none.toml", "cannot be read"), (".", "cannot be read"), ("bytes.toml", "is no TOML")):
         with pytest.raises(CampaignError, match=words):
             read_plan(tmp_path / name)
-
-
-def test_two_walks_that_would_be_one_file_are_refused(tmp_path):
     for name in ("a b/w.csv", "a-b/w.csv"):
         (tmp_path / name).parent.mkdir()
         (tmp_path / name).write_text("x\n")

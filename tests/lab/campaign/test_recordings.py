@@ -8,8 +8,8 @@ import pytest
 
 from fg_nav.errors import CampaignError
 from fg_nav.io import write_canonical, write_tum
+from fg_nav.lab.campaign.command import TABLES
 from fg_nav.lab.campaign.execute import Task, run_task
-from fg_nav.lab.campaign.folder import TABLES
 from fg_nav.lab.campaign.walks import OUR_TABLES, find_walks
 from fg_nav.lab.simulation import simulate
 from fg_nav.lab.store.files import MARKERS
@@ -25,7 +25,7 @@ def names(folder: Path, *files: str) -> dict[str, str | None]:
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(name)
-    return {walk.name: walk.source.truth and walk.source.truth.name for walk in find_walks([folder])}
+    return {name: walk.truth and walk.truth.name for (_, name), walk in find_walks([folder]).items()}
 
 
 def test_truths_lie_beside(tmp_path):
@@ -37,7 +37,7 @@ def test_truths_lie_beside(tmp_path):
 
 def test_a_mat_beside_belongs_to_the_walk_and_a_changed_file_makes_other_results(tmp_path):
     assert names(tmp_path, "a.csv", "a.mat", "b.mat") == {"a.csv": None, "b.mat": None}
-    [walk, _] = find_walks([tmp_path])
+    walk = find_walks([tmp_path])[tmp_path.name, "a.csv"]
     before = walk.sums()
     assert before.keys() == {"a.csv", "a.mat"}
     (tmp_path / "a.mat").write_text("other")
@@ -68,7 +68,7 @@ def test_a_recording_is_solved_with_its_truth(tmp_path):
     recording = simulate("demo", 101).recording
     write_canonical(recording, tmp_path / "walk.csv")
     write_tum(tmp_path / "walk.tum", recording.truth.t, recording.truth.position, recording.truth.nav_R_body)
-    [found] = find_walks([tmp_path])
-    [result] = run_task(Task(found.source, {Key("walks", "recorded", found.name, "raw", "iez"): {}}))
+    [((_, name), found)] = find_walks([tmp_path]).items()
+    [result] = run_task(Task(found, {Key("walks", "recorded", name, "raw", "iez"): {}}))
     assert result.errors["origin"].rmse_m < 80.0  # the heading at the start is not known
     assert result.errors["yaw"].rmse_m < 1.0

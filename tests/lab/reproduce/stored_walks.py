@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from fg_nav.lab.campaign.execute import settings_of
-from fg_nav.lab.reproduce.table import read_table
-from fg_nav.lab.reproduce.walks import keys_of
+from fg_nav.lab.campaign.execute import settings_of, simulated_keys
+from fg_nav.lab.reproduce.munoz_diaz2017 import Run
+from fg_nav.lab.reproduce.munoz_diaz2017.walks import Setting
+from fg_nav.lab.reproduce.results import read_table
 from fg_nav.lab.store.results import Result, write_result
 from fg_nav.lab.walked import AS_STARTED, BEST_YAW, WalkErrors
 
@@ -21,7 +22,7 @@ def keys_of_paper(paper, seeds, quick=False):
     table = read_table(paper)
     levels = table.quick_fields if quick else table.fields
     scenarios = [planned.scenario for planned in table.experiments if planned.scenario]
-    return [key for scenario in scenarios for key in keys_of(scenario, levels, table.methods, seeds)]
+    return simulated_keys(scenarios, levels, ["loop"], table.methods, seeds)
 
 
 def store_walks(folder, keys, error_m, failing=()):
@@ -59,14 +60,27 @@ def walk(blank, error_m):
     )
 
 
-def figures_of(found):
-    """Numbers of the paper's figures that were drawn."""
-    return sorted(
-        int(picture.caption.partition("Fig. ")[2].partition(" ")[0])
-        for experiment in found.experiments
-        for picture in experiment.pictures
-    )
+def check_pictures(found, folder, figures):
+    """These figures of the paper are drawn, and nothing else is there."""
+    pictures = [picture for experiment in found.experiments for picture in experiment.pictures]
+    numbers = [int(one.caption.partition("Fig. ")[2].partition(" ")[0]) for one in pictures]
+    assert sorted(numbers) == figures
+    assert {one.file for one in pictures} == {f"pictures/{path.name}" for path in folder.glob("pictures/*.png")}
+    assert all((folder / one.file).read_bytes().startswith(b"\x89PNG") for one in pictures)
 
 
 def rows_of(found):
     return {f"{one.name}: {row.quantity}": row for one in found.experiments for row in one.rows}
+
+
+def run_with(minute, z=None, yaw=None):
+    minute = np.asarray(minute, dtype=float)
+    bias = np.zeros((len(minute), 3))
+    bias[:, 2] = 0.0 if z is None else z
+    yaw = np.zeros(len(minute)) if yaw is None else np.asarray(yaw, dtype=float)
+    return Run(minute, bias, bias, yaw, None, np.zeros(len(minute), bool), np.zeros((1, 2)))
+
+
+def setting_with(run, **columns):
+    blank = Setting(*[np.zeros(1)] * 2, 1.0, np.zeros((1, 2)), np.zeros(4), np.zeros_like(run.bias))
+    return replace(blank, **columns)

@@ -9,33 +9,18 @@ import pytest
 
 from fg_nav.frames import yaw_rotation
 from fg_nav.lab.reproduce import munoz_diaz2017 as paper
-from fg_nav.lab.reproduce.munoz_diaz2017 import runs, walks
-from fg_nav.lab.reproduce.munoz_diaz2017.runs import Run, make_run, seed_of
-from fg_nav.lab.reproduce.munoz_diaz2017.walks import Setting, read_setting
-from fg_nav.lab.reproduce.results import write_reproduction
+from fg_nav.lab.reproduce.munoz_diaz2017 import make_run, seed_of, walks
+from fg_nav.lab.reproduce.munoz_diaz2017.walks import read_setting
+from fg_nav.lab.reproduce.results import Line, write_reproduction
 from fg_nav.lab.reproduce.runner import run_paper
-from fg_nav.lab.reproduce.table import Line
 from fg_nav.lab.simulation import SCENARIOS, Choices, routes, simulate
 from fg_nav.lab.simulation.path import straight
 from fg_nav.lab.simulation.plan import Walk
 from fg_nav.pocket import PocketTrack
-from tests.lab.reproduce.stored_walks import figures_of, rows_of
+from tests.lab.reproduce.stored_walks import check_pictures, rows_of, run_with, setting_with
 from tests.pictures import sketch_pictures
 
 SHORT_M = 6.0
-
-
-def run_with(minute, z=None, yaw=None):
-    minute = np.asarray(minute, dtype=float)
-    bias = np.zeros((len(minute), 3))
-    bias[:, 2] = 0.0 if z is None else z
-    yaw = np.zeros(len(minute)) if yaw is None else np.asarray(yaw, dtype=float)
-    return Run(minute, bias, bias, yaw, None, np.zeros(len(minute), bool), np.zeros((1, 2)))
-
-
-def setting_with(run, **columns):
-    blank = Setting(*[np.zeros(1)] * 2, 1.0, np.zeros((1, 2)), np.zeros(4), np.zeros_like(run.bias))
-    return replace(blank, **columns)
 
 
 def true_track(recording, turning=0.0):
@@ -53,69 +38,76 @@ def short():
     return simulate(replace(SCENARIOS["pocket-long"], route=course), 3, Choices(sensor="ideal", aligned=True))
 
 
-def test_minutes_ends_and_jumps_are_read_off_a_run():
-    run = run_with([0, 1, 2, 3, 4], z=[0.0, -0.05, -0.08, -0.2, -0.1])
-    setting = setting_with(run, passed_min=np.array([2.9, 0.0]))
-    assert paper.reached(run, setting, 2, -0.08) == 2.0
-    assert paper.reached(run, setting, 2, 0.08) == np.inf
-    assert paper.for_good(run, setting, 2, -0.08) == 2.0
-    assert paper.for_good(run, setting, 2, -0.05) == 1.0
-    assert paper.for_good(run, setting, 2, -0.15) == np.inf
-    assert paper.for_good(run, setting, 2, -0.0) == 0.0
-    assert paper.at_end(run, setting, 2) == pytest.approx(-0.1)
-    assert paper.at_minute(run, setting, 2, 2.5) == pytest.approx(-0.14)
-    assert paper.largest(run, setting, 2) == pytest.approx(0.2)
-    assert paper.largest(run, setting, 2, 3.5) == pytest.approx(0.1)
+def test_figures_are_read_off_a_run():
+    z = run_with([0, 1, 2, 3, 4], z=[0.0, -0.05, -0.08, -0.2, -0.1])
     fine = run_with(np.arange(0, 5, 0.1), z=np.where(np.arange(0, 5, 0.1) > 2.95, 0.3, 0.1))
-    assert paper.jump(fine, setting, 0) == pytest.approx(0.2)
-    assert paper.jump(fine, setting, 1) == pytest.approx(0.0)
-
-
-def test_yaw_is_read_off_at_the_end_and_between_minutes():
-    run = run_with([0, 1, 2, 3], yaw=[0.0, -10.0, 5.0, -20.0])
-    setting = setting_with(run, ends=np.array([30.0, 60.0, 120.0]), legs=np.array([0, 1, 2]))
-    assert paper.yaw_at_end(run, setting) == 20.0
-    assert paper.yaw_range(run, setting, 0, 2) == 15.0
-    assert paper.yaw_after(run, setting, 2) == 10.0
+    yaw = run_with([0, 1, 2, 3], yaw=[0.0, -10.0, 5.0, -20.0])
+    growing = run_with(np.arange(0.0, 11.0), yaw=np.arange(0.0, 11.0) ** 2)
+    setting = {"passed_min": np.array([2.9, 0.0]), "ends": np.array([30.0, 60.0, 120.0]), "legs": np.array([0, 1, 2])}
+    for run, what, given, expected in (
+        (z, "reached", (2, -0.08), 2.0),
+        (z, "reached", (2, 0.08), math.inf),
+        (z, "for_good", (2, -0.08), 2.0),
+        (z, "for_good", (2, -0.05), 1.0),
+        (z, "for_good", (2, -0.15), math.inf),
+        (z, "for_good", (2, -0.0), 0.0),
+        (z, "at_end", (2,), -0.1),
+        (z, "from_zero", (2,), 0.1),
+        (z, "at_minute", (2, 2.5), -0.14),
+        (z, "largest", (2,), 0.2),
+        (z, "largest", (2, 3.5), 0.1),
+        (z, "at_end", (0,), 0.0),
+        (z, "share_used", (), 0.0),
+        (fine, "jump", (0,), 0.2),
+        (fine, "jump", (1,), 0.0),
+        (yaw, "yaw_at_end", (), 20.0),
+        (yaw, "yaw_range", (0, 2), 15.0),
+        (yaw, "yaw_after", (2,), 10.0),
+        (growing, "yaw_grown", (0.5, 1.0), 75.0),
+        (growing, "yaw_grown_over", (0.5, 1.0, 0.0, 0.5), 3.0),
+        (growing, "yaw_range_over", (5, 10, 0, 5), 3.0),
+    ):
+        found = paper.read_run_figure(what, run, setting_with(run, **setting), *given)
+        assert found == pytest.approx(expected), (what, given)
+    assert paper.ratio(math.inf, 2.0) == math.inf
+    assert math.isnan(paper.ratio(math.inf, math.inf))
+    assert math.isnan(paper.ratio(1.0, 0.0))
 
 
 def test_a_yaw_that_goes_one_way_does_not_wander_and_strides_do_not_count():
     minute = np.arange(0.0, 15.0, 1 / 60)
     swing = 5.0 * np.sin(2 * np.pi * minute * 60)
-    one_way = run_with(minute, yaw=10.0 * minute + swing)
-    assert paper.yaw_wander(one_way, setting_with(one_way), 0, 15) == pytest.approx(1.0)
-    back = run_with(minute, yaw=10.0 * np.abs(minute - 7.5) + swing)
-    assert paper.yaw_wander(back, setting_with(back), 0, 15) == pytest.approx(2.0, abs=0.1)
-    assert paper.yaw_wander(back, setting_with(back), 0, 7.5) == pytest.approx(1.0, abs=0.1)
+    one_way, back = (run_with(minute, yaw=10.0 * way + swing) for way in (minute, np.abs(minute - 7.5)))
+    for run, end, expected in ((one_way, 15, 1.0), (back, 15, 2.0), (back, 7.5, 1.0)):
+        assert paper.read_run_figure("yaw_wander", run, setting_with(run), 0, end) == pytest.approx(expected, abs=0.1)
 
 
 def test_with_the_true_attitude_the_way_is_nearly_the_true_one(short):
     setting = read_setting(short)
-    run = make_run(true_track(short.recording), short.recording, short.recording.truth.nav_R_body, setting)
+    run = make_run(true_track(short.recording), short.recording, setting)
     assert np.abs(run.yaw_error).max() < 1e-9
-    assert paper.away_after(run, setting, 2) < 3.0
+    assert paper.read_run_figure("away_after", run, setting, 2) < 3.0
     assert np.linalg.norm(run.path - setting.path, axis=1).max() < 4.0
     assert setting.length_m == pytest.approx(80.0, abs=1.0)
     assert set(setting.legs) == {0, 1}
 
 
 def test_a_yaw_that_goes_off_is_shown_and_turns_the_way(short):
-    setting, truth = read_setting(short), short.recording.truth.nav_R_body
+    setting = read_setting(short)
     rate = np.radians(180.0) / setting.ends[setting.legs < 1][-1]
-    run = make_run(true_track(short.recording, rate), short.recording, truth, setting)
+    run = make_run(true_track(short.recording, rate), short.recording, setting)
     half = run.minute * 60.0
     np.testing.assert_allclose(run.yaw_error, -np.degrees(rate) * half, atol=1e-6)
-    assert paper.yaw_after(run, setting, 1) == pytest.approx(180.0, abs=0.5)
+    assert paper.read_run_figure("yaw_after", run, setting, 1) == pytest.approx(180.0, abs=0.5)
 
 
-def test_times_and_errors_are_laid_over_each_other():
-    run = run_with(np.arange(0.0, 11.0), yaw=np.arange(0.0, 11.0) ** 2)
-    setting = setting_with(run)
-    assert paper.yaw_grown(run, setting, 0.5, 1.0) == pytest.approx(75.0)
-    assert paper.over(paper.yaw_grown, run, setting, 0.5, 1.0, 0.0, 0.5) == pytest.approx(3.0)
-    assert paper.ratio(math.inf, 2.0) == math.inf
-    assert math.isnan(paper.ratio(math.inf, math.inf))
-    assert math.isnan(paper.ratio(1.0, 0.0))
+def test_a_walk_to_the_north_stands_for_a_field_to_the_east(short):
+    for case, nav_field in (("equator", (0, 25, 0)), ("equator, north-south", (25, 0, 0)), ("north-pole", (0, 0, -65))):
+        mag = walks.record_first(short, case, 3).mag
+        turned = np.einsum("nij,nj->ni", short.recording.truth.nav_R_body, mag)
+        np.testing.assert_allclose(turned.mean(axis=0), nav_field, atol=0.01)
+        assert turned.std() == pytest.approx(np.hypot(0.015, np.std(nav_field)), rel=0.01)
+    assert walks.record_first(short, "gravity", 3).mag is None
 
 
 @pytest.fixture(scope="module")
@@ -133,8 +125,8 @@ def run(folder, patch, progress=lambda _: None):
     (folder / "pictures").mkdir(exist_ok=True)
     for name in ("FIRST_WALK", "SECOND_WALK"):
         patch.setattr(walks, name, shorten(getattr(walks, name)))
-    patch.setattr(runs, "FOG_HOURS", 0.02)
-    patch.setattr(runs, "ALLAN_HOURS", 0.3)
+    patch.setattr(paper, "FOG_HOURS", 0.02)
+    patch.setattr(paper, "ALLAN_HOURS", 0.3)
     return run_paper("munoz-diaz2017", folder, [7], 1, progress, True)
 
 
@@ -157,9 +149,7 @@ def shorten(scenario):
 def test_a_short_run_knows_of_the_biases_what_physics_lets_it_know(kept):
     folder, found, shown = kept
     assert shown == [1.0]
-    pictures = [picture.file for experiment in found.experiments for picture in experiment.pictures]
-    assert {f"pictures/{path.name}" for path in folder.glob("pictures/*.png")} == set(pictures)
-    assert figures_of(found) == sorted([5, *(number for number in (8, 9, 10, 11, 13, 14) for _ in range(2))])
+    check_pictures(found, folder, sorted([5, *(8, 9, 10, 11, 13, 14) * 2]))
     rows = rows_of(found)
     # for a minute, from rest: the bias along the thigh is not known to gravity, and the yaw goes off by it
     yaw = rows["D-E4: yaw error at the end, gravity only"].ours["filter"].median
@@ -182,19 +172,9 @@ def test_a_kept_seed_is_taken_up_and_gives_the_same_bytes(kept, monkeypatch):
     assert write_reproduction(run(folder, monkeypatch)) == write_reproduction(found)
 
 
-def test_a_kept_seed_holds_no_longer_when_other_code_made_it(kept, monkeypatch):
-    folder, _, _ = kept
-    [part] = paper.list_parts([7], True)["seed"]
-    assert part.read(folder) is not None
-    monkeypatch.setattr(paper, "_code", lambda: "other")
-    [part] = paper.list_parts([7], True)["seed"]
-    assert part.read(folder) is None
-
-
 def test_an_estimator_that_ended_is_infinitely_wrong(kept):
-    folder, _, _ = kept
     [part] = paper.list_parts([7], True)["seed"]
-    seed = seed_of(part.load(folder))
+    seed = seed_of(part.load(kept[0]))
     line = Line("z", measure=("from_zero", "z"), of="munich")
     assert paper.read_line(seed, line)["filter"] < math.inf
     ended = replace(seed, runs={"munich": {**seed.runs["munich"], "filter": None}})

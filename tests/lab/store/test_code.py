@@ -3,42 +3,34 @@
 import sys
 from importlib import metadata
 
-import pytest
-
 from fg_nav.lab.store import code
 
 
-@pytest.fixture
-def source(tmp_path):
+def test_another_statement_library_or_python_makes_another_sum_and_comments_do_not(tmp_path, monkeypatch):
     path = tmp_path / "one.py"
-    path.write_text("A = 1\n")
-    yield path
-    code.describe_runtime.cache_clear()
 
+    def sum_of(text="A = 1\n"):
+        path.write_text(text)
+        code.describe_runtime.cache_clear()
+        return code.sum_sources([path])
 
-def sum_of(path) -> str:
-    code.describe_runtime.cache_clear()
-    return code.sum_sources([path])
-
-
-def test_another_version_of_a_library_or_of_python_makes_another_sum(source, monkeypatch):
-    installed, before, (major, minor, micro, *rest) = metadata.version, sum_of(source), sys.version_info
+    before, installed, (major, minor, micro, *rest) = sum_of(), metadata.version, sys.version_info
+    assert sum_of('"""Docs."""\nA = (1)  # one\n') == before != sum_of("A = 2\n")
     for name in code.LIBRARIES:
         assert f"{name} {installed(name)}" in code.describe_runtime()
         with monkeypatch.context() as patch:
             patch.setattr(metadata, "version", lambda one, name=name: "99.0" if one == name else installed(one))
-            assert sum_of(source) != before
-        assert sum_of(source) == before
-    monkeypatch.setattr(sys, "version_info", (major, minor, micro + 1, *rest))
-    assert sum_of(source) == before
-    monkeypatch.setattr(sys, "version_info", (major, minor + 1, micro, *rest))
-    assert sum_of(source) != before
+            assert sum_of() != before
+    for version, same in (((major, minor, micro + 1), True), ((major, minor + 1, micro), False)):
+        with monkeypatch.context() as patch:
+            patch.setattr(sys, "version_info", (*version, *rest))
+            assert (sum_of() == before) == same
 
-
-def test_a_library_that_nobody_installed_has_a_version_too(source, monkeypatch):
     def none(name):
         raise metadata.PackageNotFoundError(name)
 
-    monkeypatch.setattr(metadata, "version", none)
-    sum_of(source)
-    assert "gtsam unknown, numpy unknown" in code.describe_runtime()
+    with monkeypatch.context() as patch:
+        patch.setattr(metadata, "version", none)
+        sum_of()
+        assert "gtsam unknown, numpy unknown" in code.describe_runtime()
+    assert sum_of() == before

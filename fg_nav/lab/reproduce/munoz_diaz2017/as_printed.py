@@ -141,8 +141,8 @@ def update_gravity_in_angles(
     up, x = force + age * np.cross(b, force), np.zeros(SIZE)
     square = force[0] ** 2 + force[1] ** 2 + force[2] ** 2
     roll, pitch = angles_of_up(up)
-    if arctangent:
-        roll = roll_as_printed(up)
+    if arctangent:  # within +-pi/2, MD (12) as printed
+        roll = np.arctan(up[1] / up[2]) if up[2] != 0.0 else np.sign(up[1]) * np.pi / 2
     angles = angles_of_rotation(R)
     across = max(up[1] ** 2 + up[2] ** 2, 1e-12 * square)
     turn_covariance(P, inverse_error_axes(R))
@@ -240,9 +240,3 @@ def angles_of_up(force: Floats) -> tuple[float, float]:
     """Roll and pitch, rad, of a specific force (3,) of gravity alone, MD (12), (13), in all quadrants."""
     roll = np.arctan2(force[1], force[2])
     return roll, np.arctan2(-force[0], np.hypot(force[1], force[2]))
-
-
-@njit(cache=True)
-def roll_as_printed(force: Floats) -> float:
-    """Roll, rad within +-pi/2, of a specific force (3,) by MD (12) as printed."""
-    return float(np.arctan(force[1] / force[2])) if force[2] != 0.0 else float(np.sign(force[1]) * np.pi / 2)

@@ -33,7 +33,7 @@ from fg_nav.calibration.ellipsoid import fit_ellipsoid
 from fg_nav.errors import SimulationError
 from fg_nav.frames import yaw_rotation
 from fg_nav.lab.allan import compute_allan_curve
-from fg_nav.lab.simulation import SCENARIOS, Choices, SimulatedWalk, routes, simulate
+from fg_nav.lab.simulation import SCENARIOS, Choices, Scenario, SimulatedWalk, routes, simulate
 from fg_nav.lab.simulation.fields import AS_PRINTED, Cylinders, Field, Homogeneous, Sum
 from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.plan import Stand
@@ -44,22 +44,17 @@ from fg_nav.recording import Recording
 from fg_nav.truth import TrajectoryTruth
 
 BORDER_S = 0.3  # For so long after a border there is no field.
+LATITUDE_DEG = 48.0
 
 
 def replace_field(
     walk: SimulatedWalk, field: Field | None, noise_sd_uT: float, rng: np.random.Generator, border_s: float = BORDER_S
 ) -> Recording:
-    """The recording of a walk with the magnetometer that it would have had in another field.
+    """The recording of a walk with the magnetometer that it would have had in another field, MD (18).
 
-    Parameters
-    ----------
-    walk : rates, specific forces, and the true pose at each sample.
-    field : by places in the course's frame, as `walk.field` is; None for no magnetometer.
-    noise_sd_uT : v_mu, white, of a sample and axis.
-    rng : source of the noise.
-    border_s : how long there is no field after a border between two cells of a street; 0 leaves the jump in.
-
-    Raises `SimulationError` if the recording has no true attitude, or the walk leads through iron.
+    The field is by places in the course's frame, as `walk.field` is; None for no magnetometer. `noise_sd_uT` is v_mu,
+    white, of a sample and axis; `border_s` how long there is no field after a border between two cells of a street, 0
+    leaves the jump in. Raises `SimulationError` if the recording has no true attitude, or the walk leads through iron.
     """
     recording = walk.recording
     truth = recording.truth
@@ -77,7 +72,7 @@ def replace_field(
 def mark_borders(t: Floats, position: Floats, field: Field, border_s: float = BORDER_S) -> Bools:
     """(N,) True where less than `border_s` ago at `position` (N, 3) m one came into another cylinder's cell."""
     inside = np.zeros(len(t), dtype=np.bool_)
-    for street in _streets(field):
+    for street in list_streets(field):
         cell = street.cell(position)
         crossed = np.flatnonzero(np.diff(cell) != 0) + 1
         since = t - np.concatenate([[-np.inf], t[crossed]])[np.searchsorted(crossed, np.arange(len(t)), side="right")]
@@ -85,9 +80,10 @@ def mark_borders(t: Floats, position: Floats, field: Field, border_s: float = BO
     return inside
 
 
-def _streets(field: Field) -> list[Cylinders]:
+def list_streets(field: Field) -> list[Cylinders]:
+    """Streets among the sources of a field."""
     if isinstance(field, Sum):
-        return [street for part in field.parts for street in _streets(part)]
+        return [street for part in field.parts for street in list_streets(part)]
     return [field] if isinstance(field, Cylinders) else []
 
 
@@ -102,13 +98,11 @@ FIELDS_UT: Mapping[str, tuple[float, float, float]] = {
 
 MAG_NOISE_UT = 0.015  # White error of a sample of the emulated magnetometer (MD Table 2).
 
-PRINTED, FILTER, BATCH, ONLINE = "as printed", "filter", "batch", "online"  # Who estimates: `runs`.
-
-ALL = (PRINTED, FILTER, BATCH, ONLINE)
-
 SECOND_NOISES_UT = (0.05, 0.015, 0.106)
 """White errors of the MTw's magnetometer, uT, as its filters are given: the preset's, which lies between Table 2's and
 that of its sheet as we remember it; then these two."""
+
+ALL = PRINTED, FILTER, BATCH, ONLINE = "as printed", "filter", "batch", "online"  # Who estimates.
 
 
 @dataclass(frozen=True)
@@ -121,24 +115,16 @@ class Case:
     mag_sigma_uT: float = MAG_NOISE_UT
 
 
+# The graph has no way without its own weighing of perturbed fields, so "always" is the filters' alone.
 FIRST = (
-    Case("gravity"),
-    Case("north-pole"),
-    Case("equator"),
-    Case("munich"),
-    Case("equator, north-south", (FILTER, BATCH, ONLINE)),
-    Case("munich, north-south", (FILTER, BATCH, ONLINE)),
+    *(Case(name) for name in ("gravity", "north-pole", "equator", "munich")),
+    *(Case(f"{site}, north-south", (FILTER, BATCH, ONLINE)) for site in ("equator", "munich")),
     Case("cars", (PRINTED, FILTER)),
     Case("cars, detector", gated=True),
     Case("cars of MD (21) as printed, detector", (FILTER,), gated=True),
 )
-"""The graph has no way without its own weighing of perturbed fields, so "always" is the filters' alone."""
-
 _STATES = ("raw", "calibrated")
-SECOND = (
-    Case("MTw, gravity", mag_sigma_uT=SECOND_NOISES_UT[0]),
-    *(Case(f"MTw, {state}", mag_sigma_uT=SECOND_NOISES_UT[0]) for state in _STATES),
-)
+SECOND = tuple(Case(f"MTw, {state}", mag_sigma_uT=SECOND_NOISES_UT[0]) for state in ("gravity", *_STATES))
 OTHER_NOISES = tuple(
     Case(f"MTw, {state}, {noise}", (FILTER,), mag_sigma_uT=noise) for noise in SECOND_NOISES_UT[1:] for state in _STATES
 )
@@ -151,24 +137,14 @@ def list_cases(quick: bool) -> tuple[Case, ...]:
 
 @dataclass(frozen=True)
 class Setting:
-    """What is true of a walk.
+    """What is true of a walk."""
 
-    Attributes
-    ----------
-    ends : (K,) s, of the strides that go somewhere.
-    legs : (K,) which time along the street each belongs to, from 0 on.
-    length_m : of all of them together.
-    path : (K, 2) m, where the foot came down after each, from where it stood first.
-    passed_min : when one passes the cars and lamps that stand close, min.
-    bias : (M, 3) deg/s, true, as the rows of `Run`.
-    """
-
-    ends: Floats
-    legs: Ints
-    length_m: float
-    path: Floats
-    passed_min: Floats
-    bias: Floats
+    ends: Floats  # (K,) s, of the strides that go somewhere.
+    legs: Ints  # (K,) which time along the street each belongs to, from 0 on.
+    length_m: float  # Of all of them together.
+    path: Floats  # (K, 2) m, where the foot came down after each, from where it stood first.
+    passed_min: Floats  # When one passes the cars and lamps that stand close, min.
+    bias: Floats  # (M, 3) deg/s, true, as the rows of `Run`.
 
 
 FIRST_WALK = SCENARIOS["pocket-past-cars"]
@@ -182,13 +158,6 @@ def simulate_second(seed: int, noise_sd_uT: float) -> SimulatedWalk:
     return simulate(replace(SECOND_WALK, sensor=replace(prior, mag=replace(prior.mag, noise_sd_uT=noise_sd_uT))), seed)
 
 
-def noise_of(walk: SimulatedWalk) -> float:
-    """White error of a walk's magnetometer, uT."""
-    mag = walk.scenario.prior.mag
-    assert mag is not None
-    return mag.noise_sd_uT
-
-
 def record_first(walk: SimulatedWalk, case: str, seed: int) -> Recording:
     """The first walk in the field of a case, with the same noise in all of them.
 
@@ -196,7 +165,7 @@ def record_first(walk: SimulatedWalk, case: str, seed: int) -> Recording:
     """
     field: Field | None = None
     if case.startswith("cars"):
-        [street] = _streets(walk.field)
+        [street] = list_streets(walk.field)
         field = replace(street, exponent=AS_PRINTED) if "printed" in case else street
     elif case != "gravity":
         site, _, turned = case.partition(", ")
@@ -220,8 +189,9 @@ def turn_by_hand(walk: SimulatedWalk, seed: int, count: int = 400) -> Floats:
     rng = np.random.default_rng([seed, 2])
     direction = rng.standard_normal((count, 3))
     direction *= np.linalg.norm(walk.earth.vector) / np.linalg.norm(direction, axis=1, keepdims=True)
-    sensor = walk.drawn["sensor"]
-    noise = noise_of(walk) * rng.standard_normal((count, 3))
+    sensor, prior = walk.drawn["sensor"], walk.scenario.prior.mag
+    assert prior is not None
+    noise = prior.noise_sd_uT * rng.standard_normal((count, 3))
     return np.asarray(direction @ np.array(sensor["soft_iron"]).T + sensor["hard_iron_uT"] + noise)
 
 
@@ -249,35 +219,40 @@ def read_setting(walk: SimulatedWalk) -> Setting:
     )
 
 
-LATITUDE_DEG = 48.0
-
-
 def measure_fog_errors(seed: int, hours: float) -> dict[str, float]:
     """Section 2.2: the fibre-optic gyroscope at rest, integrated for an hour; the Earth's rate added and taken off."""
-    scenario = replace(SCENARIOS["at-rest"], route=lambda rng: [Stand(3600.0 * hours)])
-    recording = simulate(scenario, seed, Choices(sensor="kvh-1750", rate_hz=10.0)).recording
-    truth = recording.truth
-    assert isinstance(truth, TrajectoryTruth)
-    assert truth.nav_R_body is not None
-    turning = np.einsum("nji,j->ni", truth.nav_R_body, compute_earth_rate(LATITUDE_DEG))
+    recording = simulate(lie_still(hours), seed, Choices(sensor="kvh-1750", rate_hz=10.0)).recording
+    truth_R = true_attitude(recording)
+    turning = np.einsum("nji,j->ni", truth_R, compute_earth_rate(LATITUDE_DEG))
     seen = replace(recording, gyr=recording.gyr + turning)
     found = {}
     for name, latitude in (("compensated", LATITUDE_DEG), ("not compensated", None)):
         parameters = PocketParameters(gravity_update=False, latitude_deg=latitude)
-        start = replace(level_start(seen), nav_R_body=truth.nav_R_body[0])
-        R = estimate_pocket(seen, parameters, start).nav_R_body
-        turned = Rotation.from_matrix(R @ truth.nav_R_body.transpose(0, 2, 1)).as_rotvec(degrees=True)
+        R = estimate_pocket(seen, parameters, replace(level_start(seen), nav_R_body=truth_R[0])).nav_R_body
+        turned = Rotation.from_matrix(R @ truth_R.transpose(0, 2, 1)).as_rotvec(degrees=True)
         found[name] = float(np.abs(turned).max())
     return found
 
 
+def lie_still(hours: float) -> Scenario:
+    """A sensor on a table."""
+    return replace(SCENARIOS["at-rest"], route=lambda rng: [Stand(3600.0 * hours)])
+
+
+def true_attitude(recording: Recording) -> Floats:
+    """nav_R_body (N, 3, 3) of a simulated walk."""
+    truth = recording.truth
+    assert isinstance(truth, TrajectoryTruth)
+    assert truth.nav_R_body is not None
+    return truth.nav_R_body
+
+
 def measure_allan_curves(seed: int, hours: float) -> dict[str, Floats]:
     """Allan deviations (3, T) deg/s of the fibre-optic and the MEMS gyroscope at rest, at `tau_s` (T,) s (Figure 5)."""
-    scenario = replace(SCENARIOS["at-rest"], route=lambda rng: [Stand(3600.0 * hours)])
     found: dict[str, Floats] = {}
     for name, sensor in (("fog", "kvh-1750"), ("mems", "xsens-mtw")):
         prior = replace(preset(sensor), rate_hz=10.0, clock=ClockPrior())  # no sample lost
-        recording = simulate(replace(scenario, sensor=prior), seed).recording
+        recording = simulate(replace(lie_still(hours), sensor=prior), seed).recording
         curves = [compute_allan_curve(np.degrees(axis), recording.period_s) for axis in recording.gyr.T]
         found |= {name: np.array([curve.deviation for curve in curves]), "tau_s": curves[0].tau_s}
     return found
@@ -288,13 +263,11 @@ def measure_sensor_errors(first: SimulatedWalk, second: SimulatedWalk) -> dict[s
 
     `across` (S,) uT is the rms field across the thigh at each of the sites: what shows the bias along it.
     """
-    truth, h = first.recording.truth, first.recording.period_s
-    assert isinstance(truth, TrajectoryTruth)
-    assert truth.nav_R_body is not None
-    R = Rotation.from_matrix(truth.nav_R_body)
+    truth_R, h = true_attitude(first.recording), first.recording.period_s
+    R = Rotation.from_matrix(truth_R)
     wrong = np.degrees(first.recording.gyr[:-1] - (R[:-1].inv() * R[1:]).as_rotvec() / h)
     start, end = (np.degrees(part.mean(axis=0)) for part in (second.recording.gyr[:900], second.recording.gyr[-900:]))
-    along = truth.nav_R_body[:, :, 2]
+    along = truth_R[:, :, 2]
     across = [math.sqrt(np.mean(np.dot(field, field) - (along @ field) ** 2)) for field in FIELDS_UT.values()]
     found = {"noise": wrong.std(axis=0), "bias": wrong.mean(axis=0), "start": start, "end": end}
     return found | {"across": np.array(across)}
