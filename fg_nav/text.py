@@ -8,6 +8,7 @@ import json
 import math
 import typing
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from reprlib import repr as shorten
@@ -21,7 +22,7 @@ Value: TypeAlias = Scalar | list[Any] | None
 Changes: TypeAlias = tuple[tuple[str, Value], ...]  # Dotted names and values.
 
 DETECTOR = "detector"  # First part of the names of the parameters of the stances.
-MAX_VALUE, MAX_WHOLE = 1e100, 1000  # No parameter is larger, and no whole one, which counts rounds or footfalls.
+MAX_VALUE, MAX_WHOLE = 1e70, 1000  # No parameter is larger, and no whole one, which counts rounds or footfalls.
 MAX_BYTES = 2**23  # Of a configuration, a calibration or a scenario, which are some kilobytes.
 
 T = TypeVar("T")
@@ -99,10 +100,10 @@ def _convert(owner: object, name: str, value: Value, whole: str) -> object:
     if isinstance(value, list):
         from pydantic import TypeAdapter, ValidationError
 
-        try:
-            return TypeAdapter(hint).validate_json(json.dumps(value), strict=True)
-        except ValidationError:
-            give = _describe_kinds((), kinds)
+        give = _describe_kinds((), kinds)
+        if all(abs(one) < MAX_VALUE for one in value if isinstance(one, int | float)):
+            with suppress(ValidationError):
+                return TypeAdapter(hint).validate_json(json.dumps(value), strict=True)
     elif is_number and is_positive and cast("float", value) < 0:
         give = "a number that is not below zero"
     elif float in kinds and is_number:

@@ -155,8 +155,7 @@ def scan_outliers(t: Floats, x: Floats, begin: int, at_end: bool) -> tuple[Ints,
 
     Unless it is `at_end`, a sample at which a run may begin is judged once `LOOK_AHEAD` samples are behind it.
     """
-    count = len(x)
-    found = np.zeros(count, np.int64)
+    count, found = len(x), np.zeros(len(x), np.int64)
     kept = np.arange(count)  # the good ones, up to the place `last`
     last = i = begin
     while i < count:
@@ -210,10 +209,9 @@ def _find_run(t: Floats, x: Floats, before: Ints, i: int) -> tuple[int, int]:
         if _measure_run(x, before, behind, i, int(np.int64(0))) > f * (ACC_M_S2 + ACC_SHAKEN * acc):
             which += ACC_OUT
         else:  # a strike is in the forces of the same samples
-            run = np.arange(i - 1, min(i + length + 1, len(x)))
-            if len(before):
-                run[0] = before[-1]
-            acc = max(acc, _measure_shaking(x, run if len(before) else run[1:])[0])
+            run = np.arange(i - min(len(before), 1), min(i + length + 1, len(x)))
+            run[0] = before[-1] if len(before) else i
+            acc = max(acc, _measure_shaking(x, run)[0])
         if _measure_run(x, before, behind, i, int(np.int64(3))) > f * (GYR_RAD_S + GYR_SHAKEN * gyr + GYR_STRUCK * acc):
             which += GYR_OUT
         if which:

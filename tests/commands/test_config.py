@@ -86,6 +86,7 @@ def choose(known: config.Config | None, words: Sequence[str], methods: Sequence[
         ("smoother.magnetic.rounds=1.5", "give a whole number"),
         ("smoother.magnetic.rounds=1001", "give a whole number up to 1000"),
         ("smoother.known_lever=[1, 2]", "give a list"),
+        ("smoother.gyro_bias_deg_s=[0, 0, 1e300]", "give a list"),
         ("smoother.moving_foot=1", "give true or false"),
         ("detector.detector=3", "give a word"),
     ],

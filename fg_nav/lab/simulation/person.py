@@ -218,7 +218,7 @@ class Mount(Checked):
 
 
 INSTEP = Mount(
-    lever_m=(-0.02, -0.02, 0.085),
+    lever_m=(-0.02, -0.02, 0.08),
     lever_sd_m=(0.005, 0.005, 0.012),
     tilt_rad=(0.0, -25.0 * DEG, 0.0),
     tilt_sd_rad=(8.0 * DEG, 6.0 * DEG, 8.0 * DEG),
