@@ -97,10 +97,10 @@ def _convert(owner: object, name: str, value: Value, whole: str) -> object:
     is_positive = isinstance(before, int | float) and not isinstance(before, bool) and before > 0
     if value in literal or (value is None and NoneType in kinds):
         return value
+    give = _describe_kinds(literal, kinds)
     if isinstance(value, list):
         from pydantic import TypeAdapter, ValidationError
 
-        give = _describe_kinds((), kinds)
         if all(abs(one) < MAX_VALUE for one in value if isinstance(one, int | float)):
             with suppress(ValidationError):
                 return TypeAdapter(hint).validate_json(json.dumps(value), strict=True)
@@ -112,8 +112,6 @@ def _convert(owner: object, name: str, value: Value, whole: str) -> object:
         give = f"a whole number up to {MAX_WHOLE}"
     elif type(value) in kinds and type(value) is not float:
         return value
-    else:
-        give = _describe_kinds(literal, kinds)
     raise EstimationError(f"the parameter '{whole}' cannot be {shorten(value)}: give {give}.")
 
 

@@ -155,7 +155,7 @@ def walk(tmp_path_factory):
     from fg_nav.lab.simulation import simulate
 
     file = tmp_path_factory.mktemp("laws") / "walk.csv"
-    write_canonical(simulate("demo", 1).recording.slice(0, 4000), file)
+    write_canonical(simulate("demo", 1).recording.slice(0, 3000), file)
     return file
 
 

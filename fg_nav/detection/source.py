@@ -161,7 +161,7 @@ class AxesCheck:
         self._held = self._held[:0] if self._is_settled else np.concatenate([self._held, rows[:, :7]])
         while not self._is_settled and len(self._held):
             # the next block, once it has come
-            stop = int(np.searchsorted(self._held[:, 0], self._held[0, 0] + self._block_s))
+            stop = max(int(np.searchsorted(self._held[:, 0], self._held[0, 0] + self._block_s)), 1)  # at 1e17 s, 0
             if stop == len(self._held):
                 return
             block, self._held = self._held[:stop], self._held[stop:]

@@ -16,7 +16,7 @@ from fg_nav.detection.sensor_processing import (
     refuse_high_pass,
     remove_gyro_delay,
 )
-from fg_nav.detection.source import SourceCheck
+from fg_nav.detection.source import AxesCheck, SourceCheck
 from fg_nav.errors import EstimationError, RecordingError, StreamError
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.online.buffer import rows_of
@@ -134,3 +134,10 @@ def test_a_late_or_early_gyroscope_is_found_and_taken_off():
         assert found.is_clear
         assert "taken off" in remove_gyro_delay(late).provenance.notes[-1]
     assert remove_gyro_delay(walk()) is walk()
+
+
+@pytest.mark.timeout(30)
+def test_stamps_among_which_seconds_are_lost_in_rounding_are_passed_over() -> None:
+    check = AxesCheck(pytest.fail)
+    check.push(np.column_stack([np.full(30, 1e18), np.ones((30, 6))]))  # no block of theirs ever ended
+    assert check.evidence.strides == 0

@@ -80,7 +80,8 @@ def pack_samples(
     """Return the recording of what `read_sensors` gave, with stamps (N,) s; held samples of the field are NaN."""
     mag, gyr, remarks = samples.get("mag"), np.ascontiguousarray(samples["gyr"]), list(notes)
     if mag is not None and np.isnan(sensors["mag"].unit).all():
-        median = float(np.nanmedian(measure_field_strength(mag))) if np.isfinite(mag).any() else np.nan
+        strength = measure_field_strength(mag[np.isfinite(mag).all(axis=1)])
+        median = float(np.median(strength)) if len(strength) else np.nan
         said = f"the magnetometer is in units of the local field (median {median:.2f})"
         if is_field_on_earth(_LOCAL_FIELD_UT * median):
             mag = mag * _LOCAL_FIELD_UT

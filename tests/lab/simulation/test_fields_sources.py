@@ -251,7 +251,7 @@ IMPOSSIBLE = {
     "spheroid": lambda: compute_spheroid_moment(np.ones(3), UP, -1.0, -1.0),
     "corners": lambda: Circuit(np.zeros((2, 3)), 1.0),
     "conductor": lambda: LOOP.at(LOOP.corners[:1]),
-    "inside the cylinder of radius 0.3 m at .0.00, 0.00. m": lambda: one_cylinder().at(np.array([[0.1, 0.2, 0]])),
+    r"inside the cylinder of radius 0.3 m at \[0. 0.\] m": lambda: one_cylinder().at(np.array([[0.1, 0.2, 0]])),
     "a cylinder needs": lambda: one_cylinder(radius=0.0),
     "an exponent above 0": lambda: one_cylinder(exponent=0.0),
     "do not match": lambda: Cylinders(np.zeros((2, 2)), np.ones(3), SKEW),
