@@ -119,7 +119,7 @@ def try_fault(fault: Fault, limit_s: float) -> tuple[str, float]:
 def run_tests(tests: Sequence[str], copy: Path, limit_s: float) -> str:
     """Run tests of the checkout against the copy of the package; they write into the copy alone."""
     places = {"PYTHONPATH": f"{copy}{os.pathsep}{ROOT}", "HYPOTHESIS_STORAGE_DIRECTORY": f"{copy}/hypothesis"}
-    words = ["-x", "-rfE", "--tb=no", "--import-mode=append", "-p", "no:cacheprovider", f"--basetemp={copy}/tests"]
+    words = ["-x", "-rfE", "--tb=no", "-p", "no:cacheprovider", f"--basetemp={copy}/tests"]
     command = [sys.executable, "-P", "-m", "pytest", *words, *tests]
     with (copy / "said.txt").open("w+") as said:
         try:

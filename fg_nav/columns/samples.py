@@ -251,8 +251,7 @@ def _convert_mag(mag: Floats, channel: Channel, hints: Hints, notes: list[str]) 
     if unit is None:
         unit = plausibility.find_mag_unit(mag)
         if unit is None:
-            strength = plausibility.measure_field_strength(mag)
-            median = float(np.nanmedian(strength)) if np.isfinite(strength).any() else np.nan
+            median = plausibility.find_median_strength(mag)
             notes.append(
                 f"the magnetometer names no unit, and its strength of {median:.4g} shows none: left out; "
                 f"--columns mag=...[{KNOWN_UNITS['mag'].split(',')[0]}] says it"

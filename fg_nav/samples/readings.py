@@ -49,7 +49,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints, find_runs
-from fg_nav.system.compiled import njit
+from fg_nav.system.compiled import njit, unliteral
 
 COLUMNS = 11  # of a row: t (s), acc (m/s^2), gyr (rad/s), mag (uT), pressure (Pa), the last two NaN without a sample
 TAKEN = COLUMNS + 1  # Behind them, once it is judged: which sensor was bad, as `unread` of a recording; 0 for none.
@@ -206,13 +206,13 @@ def _find_run(t: Floats, x: Floats, before: Ints, i: int) -> tuple[int, int]:
             stretch = max((t[behind[0]] - t[before[-1]]) / ((length + 1) * period), 1.0)
         f = FACTOR * (max(np.sqrt(period / PERIOD_S), 1.0) * stretch**2)
         which = 0
-        if _measure_run(x, before, behind, i, int(np.int64(0))) > f * (ACC_M_S2 + ACC_SHAKEN * acc):
+        if _measure_run(x, before, behind, i, unliteral(0)) > f * (ACC_M_S2 + ACC_SHAKEN * acc):
             which += ACC_OUT
         else:  # a strike is in the forces of the same samples
             run = np.arange(i - min(len(before), 1), min(i + length + 1, len(x)))
             run[0] = before[-1] if len(before) else i
             acc = max(acc, _measure_shaking(x, run)[0])
-        if _measure_run(x, before, behind, i, int(np.int64(3))) > f * (GYR_RAD_S + GYR_SHAKEN * gyr + GYR_STRUCK * acc):
+        if _measure_run(x, before, behind, i, unliteral(3)) > f * (GYR_RAD_S + GYR_SHAKEN * gyr + GYR_STRUCK * acc):
             which += GYR_OUT
         if which:
             return length, which

@@ -396,7 +396,6 @@ def tie_places(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solve
     open_walk = problem, solved
     if _measure_walked(problem, solved)[-1] < MIN_POINTS * SPACING_M:
         return *open_walk, (), ()
-    uncertainty = measure_uncertainty(problem, solved)
     known: tuple[Stretch, ...] = ()
     path = None
     for number in range(1, ROUNDS + 1):
@@ -405,6 +404,8 @@ def tie_places(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solve
         path = trace_signature(problem.recording.t, track.position, track.nav_R_body, mag)
         if path.distance_m[-1] > MAX_M:
             return *open_walk, (), (f"no places are looked for on a walk of more than {MAX_M / 1000:.0f} km",)
+        if number == 1:
+            uncertainty = measure_uncertainty(problem, solved)  # of the walk without ties
         found = select_consistent(path, recognize(path, uncertainty).stretches, uncertainty)
         is_confirmed = bool(known) and are_alike(found, known)
         known = keep_common(found, known) if number == ROUNDS and not is_confirmed else found

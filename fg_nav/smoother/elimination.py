@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.system.compiled import njit
+from fg_nav.system.compiled import njit, unliteral
 
 BLOCK_ROWS = 32  # New rows that are reflected into a triangle together.
 ROUNDING = 1e-14  # Of the norm of a column, below which what is left on the diagonal is none.
@@ -156,7 +156,7 @@ def _gather_members(factors: Factors, queue: Queue, size: Ints, begin: int, end:
     members, filled = Members(begin, np.zeros(end - begin, np.int64), np.empty(16 * (end - begin), np.int64)), 0
     for v in range(begin, end):
         # The variables of its front in their order, v the first: of its factors, and of the fronts below.
-        front[0], stamp[v], many = v, v, int(np.int64(1))  # a literal would be a type of its own, compiled anew
+        front[0], stamp[v], many = v, v, unliteral(1)
         f = queue.first_factor[v]
         while f >= 0:
             for k in range(factors.begins[f], factors.begins[f + 1]):
@@ -252,7 +252,7 @@ def _plan_rest(members: Members, parent: Ints, queue: Queue, size: Ints, end: in
             slot[c] = lefts
             for k in range(_begin_of(members, v) + 1, members.ends[c]):
                 if filled == len(member):
-                    member = _grow(member, int(np.int64(64)))
+                    member = _grow(member, unliteral(64))
                 member[filled] = members.member[k]
                 rows[lefts] += size[members.member[k]]
                 filled += 1
@@ -359,7 +359,7 @@ def _place(left: Floats, fronts: Fronts, below: int, place: Ints, out: Floats, n
 @njit(cache=True)
 def _take_factors(factors: Factors, f: int, after: Ints, columns: Ints, work: Work, n: int) -> float:
     """Reflect the factors queued from `f` (linked by `after`) into the triangle; return the squared remainder of b."""
-    rows, error = int(np.int64(0)), 0.0
+    rows, error = unliteral(0), 0.0
     while f >= 0:
         if rows + factors.rows[f] > len(work.new) - 3:
             error += _reflect(work, n, rows)

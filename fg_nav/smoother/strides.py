@@ -63,7 +63,7 @@ from fg_nav.mechanisation import NavState, rotation_series, rotation_vector, str
 from fg_nav.recording import Recording, find_extra_sigmas
 from fg_nav.samples.gaps import cross_holes
 from fg_nav.smoother.parameters import SmootherParameters
-from fg_nav.system.compiled import njit
+from fg_nav.system.compiled import njit, unliteral
 
 POSITION_DENSITY = 1e-3  # White error of velocity, m/s/sqrt(Hz): rounding; keeps short intervals well conditioned.
 MAX_TURN_RAD = 0.3  # Of the body in a block of samples, along its way.
@@ -173,7 +173,7 @@ def compound_samples(
     most = sample[-1] - sample[0]
     out = Compound(np.empty((most, 3)), np.empty((most, 3)), np.empty(most), np.zeros(len(sample), np.int64))
     state = NavState(np.empty(3), np.empty(3), np.empty((3, 3)), gyro_bias, acc_bias)
-    turn, work, count = np.empty((3, 3)), np.empty((3, 3)), int(np.int64(0))
+    turn, work, count = np.empty((3, 3)), np.empty((3, 3)), unliteral(0)
     for k in range(len(sample) - 1):
         i = sample[k]
         while i < sample[k + 1]:

@@ -32,7 +32,7 @@ from fg_nav.io.readers import table as any_table
 from fg_nav.io.streams import NAMES, Sensor, continue_counter, drop_held
 from fg_nav.io.tables import TextTable, find_column, find_header
 from fg_nav.recording import Provenance, RawRecording
-from fg_nav.samples.plausibility import is_field_on_earth, measure_field_strength
+from fg_nav.samples.plausibility import find_median_strength, is_field_on_earth
 from fg_nav.truth import FootprintTruth
 
 LOCAL_FIELD = np.nan  # As a unit: that of the local field, as arbitrary ones are.
@@ -80,8 +80,7 @@ def pack_samples(
     """Return the recording of what `read_sensors` gave, with stamps (N,) s; held samples of the field are NaN."""
     mag, gyr, remarks = samples.get("mag"), np.ascontiguousarray(samples["gyr"]), list(notes)
     if mag is not None and np.isnan(sensors["mag"].unit).all():
-        strength = measure_field_strength(mag[np.isfinite(mag).all(axis=1)])
-        median = float(np.median(strength)) if len(strength) else np.nan
+        median = find_median_strength(mag)
         said = f"the magnetometer is in units of the local field (median {median:.2f})"
         if is_field_on_earth(_LOCAL_FIELD_UT * median):
             mag = mag * _LOCAL_FIELD_UT

@@ -35,7 +35,7 @@ from fg_nav.samples.gaps import LOST_PERIODS
 from fg_nav.samples.plausibility import (
     find_gyr_unit,
     find_mag_problem,
-    measure_field_strength,
+    find_median_strength,
     median_period_s,
 )
 
@@ -117,7 +117,7 @@ def read_movesense(content: Content) -> RawRecording:
     notes = ["each stamp stands for a block of samples: they are spread evenly up to the next"]
     mag = streams["mag"].xyz
     if len(mag) and find_mag_problem(mag) is not None:
-        median = np.nanmedian(measure_field_strength(mag))
+        median = find_median_strength(mag)
         notes.append(f"the magnetometer is not calibrated (median {median:.0f} uT), and was left out")
         del streams["mag"]
     return join_streams([stream for stream in streams.values() if len(stream.t)], content.path, "movesense", notes)
