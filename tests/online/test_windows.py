@@ -21,7 +21,6 @@ from fg_nav.online.smoother import OnlineSmoother, window_anchors
 from fg_nav.online.strides import StanceNodes, list_stances, list_variables
 from fg_nav.online.window import MarginalPrior, Window, marginalize
 from fg_nav.smoother.square_root import LinearWalk, stack_factors
-from tests.linear import marginal_covariances
 from tests.online.walks import (
     FOOTFALLS,
     add,
@@ -34,7 +33,7 @@ from tests.online.walks import (
     spoil,
     whole,
 )
-from tests.smoother.walks import FREE, demo, part, time_order
+from tests.smoother.walks import FREE, demo, ordering_of, part
 
 BEHIND, WINDOW = 12, 16
 
@@ -324,19 +323,15 @@ def test_an_anchor_and_the_strides_behind_it_say_what_the_whole_graph_says() -> 
             before.append(factor)
         else:
             behind.push_back(factor)
-    order = time_order(found.problem.nodes, False, found.problem.floor)
-    keys, keep = [order.at(i) for i in range(order.size())], list_variables(stances[at], values)
+    keys, keep = found.problem.time_order.tolist(), list_variables(stances[at], values)
     of_past = np.array([key for key in keys if key in past], dtype=np.uint64)
     root, _ = LinearWalk.of(stack_factors(before), of_past).eliminate()
     behind.push_back(marginalize(root, values, keep).factor().linearize(values))
-    later = gtsam.Ordering()
-    for key in keys:
-        if key not in past or key in keep:
-            later.push_back(key)
-    tree, newest = behind.eliminateMultifrontal(later, gtsam.EliminateQR), X(stances[-1].result)
-    whole = linear.eliminateMultifrontal(order, gtsam.EliminateQR)
-    expected = marginal_covariances(whole, {newest})[newest]
-    np.testing.assert_allclose(marginal_covariances(tree, {newest})[newest], expected, rtol=1e-6, atol=1e-12)
+    later, newest = ordering_of(key for key in keys if key not in past or key in keep), X(stances[-1].result)
+    tree = behind.eliminateMultifrontal(later, gtsam.EliminateQR)
+    whole = linear.eliminateMultifrontal(ordering_of(keys), gtsam.EliminateQR)
+    covariances = [one.marginalCovariance(newest) for one in (tree, whole)]
+    np.testing.assert_allclose(*covariances, rtol=1e-6, atol=1e-12)
     assert np.abs(tree.optimize().at(newest)).max() < 1e-3  # the minimum of the whole is that of both parts
 
 

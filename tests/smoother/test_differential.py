@@ -30,7 +30,7 @@ from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.strides import place_nodes
 from fg_nav.solution import Solution
 from tests.linear import linear_factors
-from tests.smoother.walks import DEFAULT, demo, track_of, truth_of
+from tests.smoother.walks import DEFAULT, demo, track_of
 
 EARTH = np.array([1.0, 20.0, -43.0])
 NO_REST = RestParameters(shortest_s=math.inf, shortest_at_end_s=math.inf)
@@ -58,7 +58,7 @@ def waves(position: Floats) -> Floats:
 def in_field(rough: bool, seed: int = 0) -> Recording:
     """The demonstration with a magnetometer of 0.2 uT, and a gyroscope with a bias about up."""
     recording = demo(seed).recording
-    truth = truth_of(recording)
+    truth = recording.truth
     there = EARTH + (waves(truth.position) if rough else np.zeros_like(truth.position))
     mag = np.einsum("nji,nj->ni", truth.nav_R_body, there)
     mag += np.random.default_rng(seed).normal(0.0, 0.2, mag.shape)
@@ -82,7 +82,7 @@ def factors_of(problem: WalkProblem) -> DifferentialFactors:
 
 def up_bias_deg_s(found: Solution) -> Floats:
     """Component about up of the gyro bias at the footfalls, deg/s."""
-    up = truth_of(demo().recording).nav_R_body[found.stances.sample, 2]
+    up = demo().recording.truth.nav_R_body[found.stances.sample, 2]
     return np.degrees((found.stances.gyro_bias * up).sum(axis=1))
 
 
@@ -115,14 +115,13 @@ def test_the_noise_of_the_magnetometer_is_found() -> None:
     recording = in_field(True)
     stretches = find_stretches(recording, place_nodes(recording, demo().stances, DEFAULT), ())
     bias = np.zeros((len(stretches.start), 3))
-    turned = turn_stretches(recording, stretches, truth_of(recording).position, bias)
+    turned = turn_stretches(recording, stretches, recording.truth.position, bias)
     assert measure_noise(turned) == pytest.approx(0.2, rel=0.1)
 
 
 def test_the_variogram_of_the_swings_is_that_of_the_field() -> None:
     recording = in_field(True)
-    truth = truth_of(recording)
-    assert recording.mag is not None
+    truth = recording.truth
     nodes = place_nodes(recording, demo().stances, DEFAULT)
     found = fit_variogram(recording.mag, truth.position, truth.nav_R_body, nodes, 0.2)
     assert found is not None
@@ -139,7 +138,6 @@ def test_a_field_that_is_not_of_the_model_is_left_out() -> None:
     recording = in_field(False)
     stretches = find_stretches(recording, place_nodes(recording, demo().stances, DEFAULT), ())
     third = int(stretches.start[3] + stretches.stop[3]) // 2
-    assert recording.mag is not None
     jump = recording.mag.copy()
     jump[third:] += 30.0  # something that moves in the middle of a stance
     problem, values = solved_walk(replace(recording, mag=jump), UNRESTED)

@@ -33,7 +33,6 @@ from fg_nav.smoother.feet import (
 from fg_nav.smoother.solver import find_minimum
 from fg_nav.smoother.square_root import DIMENSION
 from fg_nav.truth import TrajectoryTruth
-from tests.smoother.walks import truth_of
 
 SIDES = ("left", "right")
 
@@ -69,7 +68,7 @@ def begin(foot: WalkInput):
 
 
 def truth_at(walk: SimulatedFeet, side: str) -> TrajectoryTruth:
-    return truth_of(walk.sides[side].recording)
+    return walk.sides[side].recording.truth
 
 
 def test_both_feet_are_found_in_one_frame_though_the_right_ones_start_is_not_known(

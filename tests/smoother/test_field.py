@@ -35,7 +35,7 @@ from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.solver import list_poses
 from fg_nav.solution import Solution
 from fg_nav.walk import Options, Walk
-from tests.smoother.walks import DEFAULT, demo, part, truth_of
+from tests.smoother.walks import DEFAULT, demo, part
 
 STRENGTH, UP = 20.0, -43.0
 NOT_RESTED = replace(
@@ -56,7 +56,7 @@ def in_field(
 ) -> Recording:
     """The demonstration with a perfect magnetometer in a field of place, and a gyroscope that drifts about up."""
     recording = demo(seed).recording
-    truth = truth_of(recording)
+    truth = recording.truth
     there = field(truth.position) if callable(field) else np.broadcast_to(field, truth.position.shape)
     mag = np.einsum("nji,nj->ni", truth.nav_R_body, there) + iron
     drift = np.radians(bias_deg_s) * truth.nav_R_body[:, 2]
@@ -85,13 +85,13 @@ def replace_field(p: SmootherParameters = DEFAULT, **changes: object) -> Smoothe
 
 
 def heading_error_deg(found: Solution, seed: int = 0) -> Floats:
-    true = truth_of(demo(seed).recording).nav_R_body[found.stances.sample]
+    true = demo(seed).recording.truth.nav_R_body[found.stances.sample]
     return np.degrees(wrap_angle(compute_heading(found.stances.nav_R_body) - compute_heading(true)))
 
 
 def place_of_footfall(k: int, seed: int = 0) -> Floats:
     recording, stances = demo(seed).recording, demo(seed).stances
-    return truth_of(recording).position[stances.stillest(recording.gyr)[k]]
+    return recording.truth.position[stances.stillest(recording.gyr)[k]]
 
 
 def footfalls(word: str, found: Solution) -> list[int]:
@@ -128,7 +128,7 @@ def test_a_heading_that_is_not_given_is_that_from_magnetic_north(azimuth_deg: fl
     found = smoothed(in_field(earth(np.radians(azimuth_deg))), None)
     off = wrap_angle(np.radians(heading_error_deg(found) + azimuth_deg))
     np.testing.assert_allclose(np.degrees(off), 0.0, atol=0.4)
-    north = truth_of(plain()).position @ rotation(azimuth_deg).T
+    north = plain().truth.position @ rotation(azimuth_deg).T
     np.testing.assert_allclose(found.position, north - north[0], atol=0.5)
 
 
@@ -248,7 +248,6 @@ def test_what_a_hard_gate_rejects_is_not_in_the_graph() -> None:
 
 
 def unseen(recording: Recording, rows: Bools) -> Recording:
-    assert recording.mag is not None
     return replace(recording, mag=np.where(rows[:, None], np.nan, recording.mag))
 
 
@@ -300,8 +299,7 @@ def test_north_on_a_rough_floor_is_found_within_its_sigma(seed: int) -> None:
     walk = simulate("demo", seed).recording
     stances = detect_stances(walk)
     found = smooth(walk, stances, heading=None, field=average_footfall_field(walk, stances)).stances
-    truth = truth_of(walk)
-    assert truth.nav_R_body is not None
+    truth = walk.truth
     off = wrap_angle(compute_heading(found.nav_R_body) - compute_heading(truth.nav_R_body[found.sample]))
     assert np.abs(off).max() < 3.0 * found.heading_sigma.min()
     assert np.degrees(found.heading_sigma.max()) < 8.0

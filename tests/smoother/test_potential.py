@@ -37,7 +37,7 @@ from fg_nav.smoother.field import (
 from fg_nav.smoother.field_factors import MIN_TELESCOPING, PATH_SIGMA_UT_M, FieldFactors, FieldRoughness
 from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.problem import walk_problem
-from tests.smoother.test_field import heading_error_deg, in_field, replace_field, truth_of
+from tests.smoother.test_field import heading_error_deg, in_field, replace_field
 from tests.smoother.test_field_factors import KNOWN, NEVER, NONE, ROUGH, Walked, steady  # noqa: F401
 from tests.smoother.walks import DEFAULT, demo, track_of
 
@@ -47,7 +47,7 @@ CURRENT_A = 150.0
 
 def frame_across(recording: Recording, share: float, current_A: float) -> tuple[Circuit, int]:
     """An upright frame of cable across the path, 2.4 m by 2.8 m, and the sample at which it is passed."""
-    position = truth_of(recording).position
+    position = recording.truth.position
     path_m = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(position[:, :2], axis=0), axis=1)))
     before, at, after = np.searchsorted(path_m, share * path_m[-1] + np.array([-1.0, 0.0, 1.0]))
     forward = (position[after] - position[before]) * [1.0, 1.0, 0.0]
@@ -61,11 +61,11 @@ def frame_across(recording: Recording, share: float, current_A: float) -> tuple[
 def solved_in(seed: int, *currents: tuple[float, float], rough: bool = True) -> tuple[FieldSolution, list[int]]:
     """The demonstration over a rough floor with frames (share of the path, current), and where they are passed."""
     recording, stances = demo(seed).recording, demo(seed).stances
-    points = truth_of(recording).position[::100] * [1.0, 1.0, 0.0]
+    points = recording.truth.position[::100] * [1.0, 1.0, 0.0]
     building = draw_environment("indoor" if rough else "smooth", EARTH, points, np.random.default_rng(seed))
     frames = [frame_across(recording, *one) for one in currents]
     recording = in_field(Sum((building, *(frame for frame, _ in frames))).at, seed)
-    heading = float(compute_heading(truth_of(recording).nav_R_body[:1])[0])
+    heading = float(compute_heading(recording.truth.nav_R_body[:1])[0])
     problem = walk_problem(recording, stances, heading, DEFAULT)
     field = average_footfall_field(recording, stances)
     found = solve_with_field(problem, field, integrate_field(problem, field, track_of(problem)))
@@ -78,7 +78,7 @@ def integrate_frame(seed: int, first: int, last: int, found: FieldSolution) -> f
     recording = demo(seed).recording
     frame, _ = frame_across(recording, 0.4, CURRENT_A)
     sample = found.problem.nodes.sample[found.problem.nodes.result]
-    path = truth_of(recording).position[sample[first] : sample[last] + 1]
+    path = recording.truth.position[sample[first] : sample[last] + 1]
     field = frame.at(path)
     return float((0.5 * (field[1:] + field[:-1]) * np.diff(path, axis=0)).sum())
 
@@ -211,7 +211,7 @@ def test_integrals_that_do_not_telescope_are_not_taken_for_those_that_do(seed: i
 @pytest.mark.parametrize("seed", [0, 1])
 def test_headings_that_a_gate_chose_because_they_agree_claim_no_more_than_all_of_them(seed: int) -> None:
     """Those like the first footfalls pass `aiez`, wherever the field there points."""
-    points, stances = truth_of(demo(seed).recording).position[::100] * [1.0, 1.0, 0.0], demo(seed).stances
+    points, stances = demo(seed).recording.truth.position[::100] * [1.0, 1.0, 0.0], demo(seed).stances
     recording = in_field(draw_environment("indoor", EARTH, points, np.random.default_rng(seed)).at, seed)
     parameters, field = replace_field(gate="aiez", potential=False), average_footfall_field(recording, stances)
     found = smooth(recording, stances, parameters, None, field=field)
