@@ -2,13 +2,10 @@
 
 from dataclasses import replace
 
-import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import B
 from scipy.spatial.transform import Rotation
 
-from fg_nav.factors import DifferentialField, ResidualBlock, factor_of, linear_factor_of
 from fg_nav.factors.differential_field import (
     BiasInformation,
     FieldNoise,
@@ -18,9 +15,8 @@ from fg_nav.factors.differential_field import (
     Variogram,
     measure_bias,
 )
-from fg_nav.factors.residual import Array, one_of
+from fg_nav.factors.residual import Array
 from fg_nav.factors.rotation import relative_rotations
-from tests.linear import linear_factors
 
 RATE_HZ, SAMPLES = 100.0, 50
 EARTH = np.array([5.0, 20.0, -43.0])
@@ -208,26 +204,3 @@ def test_the_residual_has_the_information() -> None:
     root, target = residual.root, residual.target
     np.testing.assert_allclose(np.swapaxes(root, 1, 2) @ root, one.matrix, rtol=1e-9)
     np.testing.assert_allclose((np.swapaxes(root, 1, 2) @ target[..., None])[..., 0], one.vector, rtol=1e-9)
-
-
-def test_its_jacobian_is_the_derivative() -> None:
-    residual = random_information(2).residual()
-    bias = np.random.default_rng(0).normal(size=(5, 6)) * 0.01
-    _, (H,) = residual.evaluate([bias], True)
-    step = 1e-4
-    for column in range(6):
-        change = step * np.eye(6)[column]
-        ahead, behind = (residual.evaluate([bias + sign * change], False)[0] for sign in (1.0, -1.0))
-        np.testing.assert_allclose(H[..., column], (ahead - behind) / (2.0 * step), atol=1e-6 * np.abs(H).max())
-
-
-def test_block_custom_and_native_factor_are_one() -> None:
-    residual: DifferentialField = random_information(3).residual()
-    values = gtsam.Values()
-    for k in range(5):
-        values.insert(B(k), gtsam.imuBias.ConstantBias(np.full(3, 0.1), np.array([0.01, -0.02, 0.03]) * k))
-    block = ResidualBlock(residual, [(B(k),) for k in range(5)])
-    for k, linear in enumerate(linear_factors(block, values)):
-        for factor in (factor_of(one_of(residual, k), [B(k)]), linear_factor_of(one_of(residual, k), [B(k)])):
-            np.testing.assert_allclose(factor.linearize(values).information(), linear.information(), rtol=1e-9)
-            assert factor.error(values) == pytest.approx(0.5 * float((block.evaluate(values)[0][k] ** 2).sum()))

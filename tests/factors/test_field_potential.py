@@ -143,17 +143,6 @@ def test_a_loop_sums_to_nothing_unless_a_current_passes_through_it():
     assert (u - s @ HARD_IRON).sum() == pytest.approx(0.0, abs=0.1)
 
 
-@pytest.mark.parametrize("rows", [slice(0, 250), slice(250, None)], ids=["late", "early"])
-def test_before_the_first_and_after_the_last_the_field_stays_as_it_is(rows):
-    t, R, p, y = recorded(EARTH, [0.0, 0.3, 0.3, -0.4], iron=np.zeros(3))
-    y[rows] = np.nan
-    ends = walking(footfalls(4), [0.0, 0.3, 0.3, -0.4])[1]
-    u, _ = integrals((t, R, p, y), 4)
-    seen = np.arange(4) >= 2 if rows.stop else np.arange(4) < 2
-    np.testing.assert_allclose(u[seen], (np.diff(ends, axis=0) @ EARTH.vector)[seen], atol=0.05)
-    assert integrate_field(t, R, p, y, t[-1:]).u == pytest.approx((p[-1] - p[0]) @ EARTH.vector, abs=1e-6)
-
-
 def test_no_field_at_all_is_refused():
     t, R, p, y = recorded(EARTH, [0.0])
     with pytest.raises(ValueError, match="no field"):

@@ -21,12 +21,14 @@ from fg_nav.factors import (
     linear_factor_of,
     residual,
 )
-from fg_nav.factors.magnetic_field import SIZE
+from fg_nav.factors.differential_field import DifferentialField
+from fg_nav.factors.magnetic_field import E_H, SIZE
 from fg_nav.factors.residual import one_of
 from fg_nav.factors.same_place import BesideEachOther, SamePlace, WithinReach
 from fg_nav.factors.walk_constraints import UnseenWalk
 from fg_nav.factors.zero_velocity import ZeroRate
-from tests.factors.derivatives import assert_jacobians_are_derivatives, jacobians, moved
+from fg_nav.frames import yaw_rotation
+from tests.factors.variables import assert_jacobians_are_derivatives, jacobians, moved
 from tests.linear import linear_factors
 
 COUNT = 5
@@ -64,6 +66,7 @@ def random_blocks(seed):
         ("xx", WithinReach(np.full(COUNT, 1.5), sigma[:, 0])),
         ("xx", UnseenWalk(sigma[:, :3], 0.5 * sigma[:, 0], sigma[:, 4], sigma[:, 5])),
         ("b", ZeroRate(three(), rng.standard_normal((COUNT, 3, 3)))),
+        ("b", DifferentialField(rng.standard_normal((COUNT, 3, 3)), three())),
     ]
     letter = {"a": A, "b": B, "x": X, "v": V, "s": S, "m": M, "p": P, "z": Z}
     blocks = {}
@@ -141,17 +144,22 @@ def test_a_tilt_changes_the_line_integral_by_the_moment_of_the_field():
         np.testing.assert_array_equal(by_pose[3:], 0.0)
 
 
-def test_the_prior_of_the_field_has_its_derivatives():
+def test_the_prior_of_the_field_is_of_its_direction_and_its_strength_and_has_its_derivatives():
+    """Else a field of none would have no direction to be wrong by."""
     rng = np.random.default_rng(5)
-    prior = FieldPrior(FIELD, rng.uniform(0.5, 2.0, SIZE))
-    values = gtsam.Values()
+    prior, values, other = FieldPrior(FIELD, rng.uniform(0.5, 2.0, SIZE)), gtsam.Values(), FIELD.copy()
+    strength, other[E_H] = np.linalg.norm(FIELD[E_H]), 1.1 * yaw_rotation(-0.5)[:2, :2] @ FIELD[E_H]
+    off = np.zeros(SIZE)
+    off[E_H] = 0.5 * strength, 0.1 * strength
+    np.testing.assert_allclose(prior.evaluate([other], False)[0], off / prior.sigma, atol=1e-12)
     values.insert(M(0), prior.mean + rng.standard_normal(SIZE))
     assert_jacobians_are_derivatives(factor_of(prior, [M(0)]), values, atol=1e-6)
 
 
-def test_a_linear_factor_is_the_residual_wherever_it_is():
+@pytest.mark.parametrize("name", ["field transition", "differential field"])
+def test_a_linear_factor_is_the_residual_wherever_it_is(name):
     blocks, values = random_blocks(6)
-    block = blocks["field transition"]
+    block = blocks[name]
     for k, keys in enumerate(block.keys):
         one = one_of(block.residuals, k)
         linear, factor = linear_factor_of(one, keys), factor_of(one, keys)

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from fg_nav.factors.rotation import left_jacobian, relative_rotations, rotation_exp, turn_about_up, turn_from
-from tests.factors.attitudes import vectors
+from tests.factors.variables import vectors
 
 scales = st.sampled_from([1e-9, 1e-4, 0.02, 0.03, 1.0])
 

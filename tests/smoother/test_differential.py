@@ -7,7 +7,6 @@ from functools import cache
 import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import B
 
 from fg_nav.arrays import Floats
 from fg_nav.detection import RestParameters
@@ -29,7 +28,6 @@ from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.strides import place_nodes
 from fg_nav.solution import Solution
-from tests.linear import linear_factors
 from tests.smoother.walks import DEFAULT, demo, track_of
 
 EARTH = np.array([1.0, 20.0, -43.0])
@@ -96,19 +94,6 @@ def test_without_a_rest_the_bias_is_found_better(rough: bool) -> None:
     true = own.mean() + UP_BIAS_DEG_S
     # Against a prior of 0.15 deg/s, and an error of 0.2 that the stances of a walk have in common.
     assert abs(with_it[-1] - true) < 0.85 * abs(without[-1] - true)
-
-
-def test_its_factors_are_the_same_in_batch_and_one_by_one() -> None:
-    problem, values = with_factors(True)
-    factors = factors_of(problem)
-    together = {f.keys()[0]: f.information() for f in linear_factors(factors, values)}
-    one_by_one = {f.keys()[0]: f.linearize(values).information() for f in factors.factors()}
-    assert sorted(together) == sorted(one_by_one) == [B(k) for k in range(len(factors))]
-    for key, information in together.items():
-        np.testing.assert_array_equal(information, one_by_one[key])
-        assert (information[:3, :3] == 0.0).all()
-    n_without = problem.without(DifferentialFactors).factors().size()
-    assert problem.factors().size() == n_without + len(factors)
 
 
 def test_the_noise_of_the_magnetometer_is_found() -> None:

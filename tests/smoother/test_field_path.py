@@ -133,14 +133,6 @@ def test_a_false_climb_adds_nothing() -> None:
     np.testing.assert_allclose(without - true, EARTH[2] * 0.05 * STRIDE_S, atol=1e-9)
 
 
-def test_hard_iron_adds_its_part_along_the_way() -> None:
-    trodden, iron = round_a_circle(), np.array([0.5, -1.0, 15.0])
-    way = along(trodden, trodden.mag(EARTH, iron))
-    of_iron = way.u - along(trodden, trodden.mag(EARTH)).u
-    np.testing.assert_allclose(of_iron, way.level_path @ (way.level_R_body @ iron), atol=1e-9)
-    assert np.abs(of_iron).min() > 0.1
-
-
 def test_rows_without_a_sample_are_passed_over() -> None:
     trodden = round_a_circle()
     field = EARTH + magnet(np.array([2.9, 0.6, -0.6]), MOMENT).at(trodden.position)

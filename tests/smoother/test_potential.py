@@ -188,20 +188,6 @@ def test_evidence_is_that_of_the_density_of_the_integrals(true: float) -> None:
     assert find_share(walked, added) == pytest.approx(np.average(SHARES, weights=weights), rel=1e-3)
 
 
-@pytest.mark.usefixtures("steady")
-def test_the_mean_share_over_walks_is_that_of_the_walks() -> None:
-    """As often as before the walk: on short walks all are near the mean, on long ones each near its own."""
-    for count, draws, apart in ((8, 30, 0.0), (100, 12, 0.75)):
-        walked = in_known_building(count)
-        found = [
-            [find_share(walked, added) for added in potentials(share, walked).rvs(draws, random_state=1)]
-            for share in SHARES
-        ]
-        mean = np.average(np.mean(found, axis=1), weights=SHARES_PRIOR)
-        assert mean == pytest.approx(np.average(SHARES, weights=SHARES_PRIOR), abs=0.1)
-        assert np.mean(found[-2]) - np.mean(found[0]) > apart
-
-
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_integrals_that_do_not_telescope_are_not_taken_for_those_that_do(seed: int) -> None:
     """Of 3 uT m a stride in a field of 20 uT."""

@@ -1,9 +1,24 @@
-"""Jacobians of a factor of gtsam on the manifold of its variables: its own, and by finite differences."""
+"""Variables to try factors with, and Jacobians on their manifold: a factor's own, and by finite differences."""
 
 import gtsam
 import numpy as np
+from hypothesis import strategies as st
 
 STEP = 1e-5
+
+vectors = st.lists(st.floats(-2, 2), min_size=3, max_size=3).map(np.array)
+
+
+def pose(nav_R_body, position=(0.0, 0.0, 0.0)):
+    return gtsam.Pose3(gtsam.Rot3(nav_R_body), np.array(position))
+
+
+def values_of(variables):
+    """Values from {key: Pose3, bias or vector}."""
+    values = gtsam.Values()
+    for key, variable in variables.items():
+        values.insert(key, variable)
+    return values
 
 
 def residual(factor, values):
