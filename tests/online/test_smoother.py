@@ -35,8 +35,7 @@ from tests.online.walks import (
     whole,
 )
 from tests.simulated import corridor, straight_walk
-from tests.smoother.test_differential import NO_REST
-from tests.smoother.walks import DEFAULT, FREE, Walk, demo, part
+from tests.smoother.walks import DEFAULT, FREE, NO_REST, Walk, demo, part
 
 
 @pytest.mark.parametrize("with_field", [False, True])

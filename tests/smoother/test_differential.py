@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from fg_nav.arrays import Floats
-from fg_nav.detection import RestParameters
 from fg_nav.factors.differential_field import BiasInformation
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.recording import Recording
@@ -28,13 +27,10 @@ from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.strides import place_nodes
 from fg_nav.solution import Solution
-from tests.smoother.walks import DEFAULT, demo, track_of
+from tests.smoother.walks import DEFAULT, NOT_RESTED, demo, in_field, replace_field, smoothed, track_of
 
 EARTH = np.array([1.0, 20.0, -43.0])
-NO_REST = RestParameters(shortest_s=math.inf, shortest_at_end_s=math.inf)
-UNRESTED = replace(
-    DEFAULT, rest=NO_REST, gyro_bias_sigma_deg_s=0.3, magnetic=replace(DEFAULT.magnetic, compass=False, potential=False)
-)
+UNRESTED = replace_field(NOT_RESTED, compass=False, potential=False)
 """The differential field alone: no rest shows the bias, and no heading."""
 UP_BIAS_DEG_S = 0.4
 
@@ -53,14 +49,10 @@ def waves(position: Floats) -> Floats:
 
 
 @cache
-def in_field(rough: bool, seed: int = 0) -> Recording:
+def recorded(rough: bool) -> Recording:
     """The demonstration with a magnetometer of 0.2 uT, and a gyroscope with a bias about up."""
-    recording = demo(seed).recording
-    truth = recording.truth
-    there = EARTH + (waves(truth.position) if rough else np.zeros_like(truth.position))
-    mag = np.einsum("nji,nj->ni", truth.nav_R_body, there)
-    mag += np.random.default_rng(seed).normal(0.0, 0.2, mag.shape)
-    return replace(recording, mag=mag, gyr=recording.gyr + np.radians(UP_BIAS_DEG_S) * truth.nav_R_body[:, 2])
+    recording = in_field(lambda x: EARTH + waves(x) * rough, bias_deg_s=UP_BIAS_DEG_S)
+    return replace(recording, mag=recording.mag + np.random.default_rng(0).normal(0.0, 0.2, recording.mag.shape))
 
 
 def solved_walk(recording: Recording, p: SmootherParameters) -> tuple[WalkProblem, gtsam.Values]:
@@ -70,7 +62,7 @@ def solved_walk(recording: Recording, p: SmootherParameters) -> tuple[WalkProble
 
 @cache
 def with_factors(rough: bool) -> tuple[WalkProblem, gtsam.Values]:
-    problem, values = solved_walk(in_field(rough), UNRESTED)
+    problem, values = solved_walk(recorded(rough), UNRESTED)
     return add_differential_field(problem, values, track_of(problem, values)), values
 
 
@@ -86,18 +78,18 @@ def up_bias_deg_s(found: Solution) -> Floats:
 
 @pytest.mark.parametrize("rough", [False, True], ids=["homogeneous", "rough"])
 def test_without_a_rest_the_bias_is_found_better(rough: bool) -> None:
-    recording, stances = in_field(rough), demo().stances
+    recording, stances = recorded(rough), demo().stances
     field = average_footfall_field(recording, stances)
     with_it = up_bias_deg_s(smooth(recording, stances, UNRESTED, field=field))
     without = up_bias_deg_s(smooth(recording, stances, UNRESTED))
-    own = up_bias_deg_s(smooth(demo().recording, stances))  # of the sensor, from its rests
+    own = up_bias_deg_s(smoothed())  # of the sensor, from its rests
     true = own.mean() + UP_BIAS_DEG_S
     # Against a prior of 0.15 deg/s, and an error of 0.2 that the stances of a walk have in common.
     assert abs(with_it[-1] - true) < 0.85 * abs(without[-1] - true)
 
 
 def test_the_noise_of_the_magnetometer_is_found() -> None:
-    recording = in_field(True)
+    recording = recorded(True)
     stretches = find_stretches(recording, place_nodes(recording, demo().stances, DEFAULT), ())
     bias = np.zeros((len(stretches.start), 3))
     turned = turn_stretches(recording, stretches, recording.truth.position, bias)
@@ -105,7 +97,7 @@ def test_the_noise_of_the_magnetometer_is_found() -> None:
 
 
 def test_the_variogram_of_the_swings_is_that_of_the_field() -> None:
-    recording = in_field(True)
+    recording = recorded(True)
     truth = recording.truth
     nodes = place_nodes(recording, demo().stances, DEFAULT)
     found = fit_variogram(recording.mag, truth.position, truth.nav_R_body, nodes, 0.2)
@@ -120,7 +112,7 @@ def test_the_variogram_of_the_swings_is_that_of_the_field() -> None:
 
 
 def test_a_field_that_is_not_of_the_model_is_left_out() -> None:
-    recording = in_field(False)
+    recording = recorded(False)
     stretches = find_stretches(recording, place_nodes(recording, demo().stances, DEFAULT), ())
     third = int(stretches.start[3] + stretches.stop[3]) // 2
     jump = recording.mag.copy()

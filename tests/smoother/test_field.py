@@ -1,20 +1,18 @@
 """A walk and its magnetic field together: a minute round a corridor in fields that are known."""
 
-import math
 import re
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
 import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import V, X
+from gtsam.symbol_shorthand import V
 from scipy.signal import lfilter
 
 from fg_nav.arrays import Bools, Floats
-from fg_nav.detection import RestParameters, detect_stances
+from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError
 from fg_nav.estimators import choose_parameters
 from fg_nav.frames import compute_heading, wrap_angle, yaw_rotation
@@ -35,32 +33,16 @@ from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.solver import list_poses
 from fg_nav.solution import Solution
 from fg_nav.walk import Options, Walk
-from tests.smoother.walks import DEFAULT, demo, part
+from tests.smoother.walks import DEFAULT, NOT_RESTED, demo, heading_error_deg, in_field, part, replace_field
+from tests.smoother.walks import smoothed as smoothed_without
 
 STRENGTH, UP = 20.0, -43.0
-NOT_RESTED = replace(
-    DEFAULT, rest=RestParameters(shortest_s=math.inf, shortest_at_end_s=math.inf), gyro_bias_sigma_deg_s=0.3
-)
-"""Without a rest the gyro bias is what the walk shows of it."""
-FIELD = FieldParameters()
-STRIDES = find_gate(FIELD.gate).rows - 1
+STRIDES = find_gate(FieldParameters().gate).rows - 1
 """Strides that the gate compares: the first footfalls are not judged, and a disturbed one disturbs the next."""
 
 
 def earth(azimuth: float = 0.0) -> Floats:
     return np.array([STRENGTH * np.sin(azimuth), STRENGTH * np.cos(azimuth), UP])
-
-
-def in_field(
-    field: Floats | Callable[[Floats], Floats], seed: int = 0, bias_deg_s: float = 0.0, iron: Floats = np.zeros(3)
-) -> Recording:
-    """The demonstration with a perfect magnetometer in a field of place, and a gyroscope that drifts about up."""
-    recording = demo(seed).recording
-    truth = recording.truth
-    there = field(truth.position) if callable(field) else np.broadcast_to(field, truth.position.shape)
-    mag = np.einsum("nji,nj->ni", truth.nav_R_body, there) + iron
-    drift = np.radians(bias_deg_s) * truth.nav_R_body[:, 2]
-    return replace(recording, mag=mag, gyr=recording.gyr + drift)
 
 
 def smoothed(
@@ -71,27 +53,7 @@ def smoothed(
     field: FootfallField | None = None,
 ) -> Solution:
     stances = demo(seed).stances
-    return smooth(
-        recording, stances, p, heading, field=average_footfall_field(recording, stances) if field is None else field
-    )
-
-
-def inertial(recording: Recording, heading: float = 0.0, p: SmootherParameters = DEFAULT, seed: int = 0) -> Solution:
-    return smooth(recording, demo(seed).stances, p, heading)
-
-
-def replace_field(p: SmootherParameters = DEFAULT, **changes: object) -> SmootherParameters:
-    return replace(p, magnetic=replace(p.magnetic, **changes))
-
-
-def heading_error_deg(found: Solution, seed: int = 0) -> Floats:
-    true = demo(seed).recording.truth.nav_R_body[found.stances.sample]
-    return np.degrees(wrap_angle(compute_heading(found.stances.nav_R_body) - compute_heading(true)))
-
-
-def place_of_footfall(k: int, seed: int = 0) -> Floats:
-    recording, stances = demo(seed).recording, demo(seed).stances
-    return recording.truth.position[stances.stillest(recording.gyr)[k]]
+    return smooth(recording, stances, p, heading, field=field or average_footfall_field(recording, stances))
 
 
 def footfalls(word: str, found: Solution) -> list[int]:
@@ -106,7 +68,7 @@ def plain() -> Recording:
 @cache
 def drifted() -> Solution:
     """Without a field a bias of 0.2 deg/s turns the walk."""
-    return inertial(in_field(earth(), bias_deg_s=0.2), p=NOT_RESTED)
+    return smooth(in_field(earth(), bias_deg_s=0.2), demo().stances, NOT_RESTED)
 
 
 # --- a homogeneous field
@@ -213,7 +175,9 @@ def test_hard_iron_upward_is_found_in_the_swing() -> None:
 
 def near(k: int, strength: float = 1.0) -> Dipoles:
     """A magnet a hand's breadth from a footfall."""
-    return magnet(place_of_footfall(k) + np.array([0.25, 0.1, -0.1]), strength * np.array([3.0, -2.0, 1.0]))
+    recording, stances = demo().recording, demo().stances
+    place = recording.truth.position[stances.stillest(recording.gyr)[k]]
+    return magnet(place + np.array([0.25, 0.1, -0.1]), strength * np.array([3.0, -2.0, 1.0]))
 
 
 @pytest.mark.parametrize("heading", [0.0, None], ids=["told", "not told"])
@@ -269,7 +233,7 @@ def test_too_few_fields_and_those_near_the_magnetic_pole_are_left_alone() -> Non
     stances, p = demo().stances, replace_field(differential=False)
     last = stances.stop[np.flatnonzero(stances.footfall < MIN_SEEN - 1)[-1]]
     few = unseen(plain(), np.arange(len(plain().t)) >= last)
-    expected = inertial(plain())
+    expected = smoothed_without()
     for recording, words in (
         (few, f"the field was seen at {MIN_SEEN - 1} footfalls only"),
         (in_field(np.array([1.0, 2.0, -58.0])), "the field is 2.3 uT over ground, which is too little for a compass"),
@@ -368,22 +332,18 @@ def test_a_walk_that_was_bent_is_bent_back_and_one_that_was_not_is_left_as_it_is
     assert remove_drift(bent, nodes, same, t) is bent
 
 
-def test_a_walk_is_turned_as_a_whole_by_one_angle_and_move_by_move_by_many() -> None:
+def test_a_walk_is_turned_move_by_move() -> None:
     problem = short_problem()
-    count = len(problem.nodes)
-    before = list_poses(range(count), problem.values)
-    turned = gtsam.Values(problem.values)
-    turn_walk(turned, problem.nodes, 0.7)
-    for j in (0, count // 2, count - 1):
-        pose = gtsam.Pose3(gtsam.Rot3(yaw_rotation(0.7)), np.zeros(3)).compose(problem.values.atPose3(X(j)))
-        assert turned.atPose3(X(j)).equals(pose, 1e-9)
-        np.testing.assert_allclose(turned.atVector(V(j)), yaw_rotation(0.7) @ problem.values.atVector(V(j)), atol=1e-12)
-    angle = np.linspace(0.0, 2.0, count)
-    turn_walk(turned, problem.nodes, angle - 0.7)
-    after = list_poses(range(count), turned)
+    number, turned = range(len(problem.nodes)), gtsam.Values(problem.values)
+    angle = 0.7 + np.linspace(0.0, 2.0, len(number))
+    turn_walk(turned, problem.nodes, angle)
+    before, after = (list_poses(number, values) for values in (problem.values, turned))
     moves = np.einsum("kij,kj->ki", yaw_rotation(angle[1:]), np.diff(before[:, :3, 3], axis=0))
     np.testing.assert_allclose(np.diff(after[:, :3, 3], axis=0), moves, atol=1e-9)
     np.testing.assert_allclose(after[:, :3, :3], yaw_rotation(angle) @ before[:, :3, :3], atol=1e-9)
+    for j in number:
+        velocity = yaw_rotation(angle[j]) @ problem.values.atVector(V(j))
+        np.testing.assert_allclose(turned.atVector(V(j)), velocity, atol=1e-12)
 
 
 COURSE = [Stand(3.0), Walking(straight(25.0)), Stand(3.0)]

@@ -37,9 +37,8 @@ from fg_nav.smoother.field import (
 from fg_nav.smoother.field_factors import MIN_TELESCOPING, PATH_SIGMA_UT_M, FieldFactors, FieldRoughness
 from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.problem import walk_problem
-from tests.smoother.test_field import heading_error_deg, in_field, replace_field
 from tests.smoother.test_field_factors import KNOWN, NEVER, NONE, ROUGH, Walked, steady  # noqa: F401
-from tests.smoother.walks import DEFAULT, demo, track_of
+from tests.smoother.walks import DEFAULT, demo, heading_error_deg, in_field, replace_field, track_of
 
 EARTH = Homogeneous(np.array([0.0, 20.0, -43.0]))
 CURRENT_A = 150.0

@@ -39,8 +39,8 @@ from fg_nav.smoother.sensitivity import (
 from fg_nav.smoother.solver import Solved, list_poses, list_positions
 from fg_nav.solution import Solution
 from tests.simulated import RIGID, corridor
-from tests.smoother.test_field import earth, heading_error_deg, in_field
-from tests.smoother.walks import DEFAULT, demo, dense_root, find_columns, noise_free, part
+from tests.smoother.test_field import earth
+from tests.smoother.walks import DEFAULT, demo, dense_root, find_columns, heading_error_deg, in_field, noise_free, part
 
 
 def test_shared_columns_and_the_covariance_of_footfalls_are_those_of_dense_matrices() -> None:

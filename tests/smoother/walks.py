@@ -1,6 +1,7 @@
 """Simulated walks to smooth, and their graphs as dense matrices."""
 
-from collections.abc import Iterable
+import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
@@ -10,8 +11,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats
-from fg_nav.detection import detect_stances
+from fg_nav.detection import RestParameters, detect_stances
 from fg_nav.detection.stance import Stances
+from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.lab.simulation.person import Person
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, smooth
@@ -25,6 +27,15 @@ DEFAULT = SmootherParameters()
 
 FREE = replace(DEFAULT, walk=WalkParameters(floors=False))
 """Without level floors: the height by the foot alone, as online."""
+
+
+NO_REST = RestParameters(shortest_s=math.inf, shortest_at_end_s=math.inf)
+NOT_RESTED = replace(DEFAULT, rest=NO_REST, gyro_bias_sigma_deg_s=0.3)
+"""Without a rest the gyro bias is what the walk shows of it."""
+
+
+def replace_field(p: SmootherParameters = DEFAULT, **changes: object) -> SmootherParameters:
+    return replace(p, magnetic=replace(p.magnetic, **changes))
 
 
 def ordering_of(keys: Iterable[int]) -> gtsam.Ordering:
@@ -84,6 +95,22 @@ def noise_free(person: Person = QUIET, seed: int = 0, rate_hz: float = 200.0) ->
 def _detected(recording: Recording) -> Walk:
     recording = replace(recording, mag=None)
     return Walk(recording, detect_stances(recording))
+
+
+def in_field(
+    field: Floats | Callable[[Floats], Floats], seed: int = 0, bias_deg_s: float = 0.0, iron: Floats = np.zeros(3)
+) -> Recording:
+    """The demonstration with a perfect magnetometer in a field of place, and a gyroscope that drifts about up."""
+    recording, truth = demo(seed).recording, demo(seed).recording.truth
+    there = field(truth.position) if callable(field) else np.broadcast_to(field, truth.position.shape)
+    mag = np.einsum("nji,nj->ni", truth.nav_R_body, there) + iron
+    return replace(recording, mag=mag, gyr=recording.gyr + np.radians(bias_deg_s) * truth.nav_R_body[:, 2])
+
+
+def heading_error_deg(found: Solution, seed: int = 0) -> Floats:
+    """Error (F,) at the footfalls of the demonstration."""
+    true = demo(seed).recording.truth.nav_R_body[found.stances.sample]
+    return np.degrees(wrap_angle(compute_heading(found.stances.nav_R_body) - compute_heading(true)))
 
 
 def part(walk: Walk, footfalls: int) -> Walk:
