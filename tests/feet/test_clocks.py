@@ -8,45 +8,38 @@ import pytest
 
 from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError
+from fg_nav.feet import SIDES, Side
 from fg_nav.feet.clocks import Swings, list_swings, match_swings
 from fg_nav.lab.simulation import simulate_feet
 from fg_nav.recording import Recording
-
-Feet = dict[str, Recording]
-
-
-@pytest.fixture(scope="module")
-def feet() -> Feet:
-    walk = simulate_feet("demo", 7)
-    return {side: replace(one.recording, truth=None, mag=None) for side, one in walk.sides.items()}
-
+from tests.feet.walks import without_field
 
 def swings_of(recording: Recording) -> Swings:
     return list_swings(recording, detect_stances(recording))
 
 
-def align(feet: Feet, offset: float) -> float:
-    left, right = (swings_of(feet[side]) for side in ("left", "right"))
+def align(feet: dict[Side, Recording], offset: float) -> float:
+    left, right = (swings_of(feet[side]) for side in SIDES)
     return match_swings(left, set_clock(right, offset)).offset_s
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.3, -0.3, 1.2, 1000.0])
-def test_an_offset_is_found_and_not_one_of_a_stride_more(feet: Feet, offset: float) -> None:
-    assert align(feet, offset) == pytest.approx(-offset, abs=0.05 * (offset != 0.0))
+def test_an_offset_is_found_and_not_one_of_a_stride_more(offset: float) -> None:
+    assert align(without_field(), offset) == pytest.approx(-offset, abs=0.05 * (offset != 0.0))
 
 
 @pytest.mark.parametrize(("side", "offset"), [("left", 0.0), ("right", 0.3), ("left", -5.0)])
-def test_an_interrupted_recording_is_aligned_by_what_both_recorded(feet: Feet, side: str, offset: float) -> None:
-    t = feet[side].t
-    kept = (t < 20.0) | (t > 35.0)
-    cut = Recording(t[kept], feet[side].acc[kept], feet[side].gyr[kept])
-    assert align({**feet, side: cut}, offset) == pytest.approx(-offset, abs=0.05)
+def test_an_interrupted_recording_is_aligned_by_what_both_recorded(side: Side, offset: float) -> None:
+    whole = without_field()[side]
+    kept = (whole.t < 20.0) | (whole.t > 35.0)
+    cut = Recording(whole.t[kept], whole.acc[kept], whole.gyr[kept])
+    assert align({**without_field(), side: cut}, offset) == pytest.approx(-offset, abs=0.05)
 
 
-def test_feet_of_two_walks_are_refused_in_a_sentence(feet: Feet) -> None:
+def test_feet_of_two_walks_are_refused_in_a_sentence() -> None:
     other = simulate_feet("stairs", 8).right.recording
     with pytest.raises(EstimationError, match=r"feet of one walk.*--clock-offset"):
-        match_swings(swings_of(feet["left"]), swings_of(other))
+        match_swings(swings_of(without_field()["left"]), swings_of(other))
 
 
 def walk_feet(

@@ -3,25 +3,19 @@
 import numpy as np
 import pytest
 
+from fg_nav.feet import Side
 from fg_nav.feet.person import trace_person
 from fg_nav.frames import compute_heading, wrap_angle
-from fg_nav.lab.simulation import SimulatedFeet, simulate_feet
 from fg_nav.solution import Solution, StanceTable
-from fg_nav.truth import TrajectoryTruth
+from tests.feet.walks import truth_of
 
 SPEED = 1.3
 HOLE = (20.0, 35.0)
 
 
-@pytest.fixture(scope="module")
-def walk() -> SimulatedFeet:
-    return simulate_feet("demo", 3)
-
-
-def true_foot(walk: SimulatedFeet, side: str, kept: tuple[tuple[float, float], ...]) -> Solution:
+def true_foot(side: Side, kept: tuple[tuple[float, float], ...]) -> Solution:
     """A foot that was recorded during some spans, and is where it is; a footfall each second."""
-    truth = walk.sides[side].recording.truth
-    assert isinstance(truth, TrajectoryTruth)
+    truth = truth_of(side)
     rows = np.flatnonzero(np.any([(truth.t >= begin) & (truth.t <= end) for begin, end in kept], axis=0))
     t, position = truth.t[rows], truth.position[rows]
     velocity = np.gradient(truth.position, truth.t, axis=0)[rows]
@@ -39,16 +33,16 @@ WHOLE: Spans = ((0.0, 60.0),)
 BROKEN: Spans = ((0.0, HOLE[0]), (HOLE[1], 60.0))
 
 
-def trace(walk: SimulatedFeet, left: Spans, right: Spans) -> Solution:
-    feet = true_foot(walk, "right", right), true_foot(walk, "left", left)
+def trace(left: Spans, right: Spans) -> Solution:
+    feet = true_foot("right", right), true_foot("left", left)
     return trace_person(*feet, np.zeros(1), 4.0 * np.eye(4)[None])
 
 
 @pytest.mark.parametrize(("left", "right"), [(WHOLE, BROKEN), (BROKEN, WHOLE)])
 def test_in_a_hole_of_one_foot_the_person_goes_on_as_the_other_one(
-    walk: SimulatedFeet, left: Spans, right: Spans
+    left: Spans, right: Spans
 ) -> None:
-    whole, person = trace(walk, WHOLE, WHOLE), trace(walk, left, right)
+    whole, person = trace(WHOLE, WHOLE), trace(left, right)
     assert np.diff(person.t).max() < 0.02
     outside = (person.t < HOLE[0]) | (person.t > HOLE[1])
     same = np.stack([np.interp(person.t, whole.t, column) for column in whole.position.T], axis=1)
@@ -64,16 +58,16 @@ def test_in_a_hole_of_one_foot_the_person_goes_on_as_the_other_one(
     np.testing.assert_allclose(person.stances.pose_cov, np.tile(2.0 * np.eye(4), (len(person.stances), 1, 1)))
 
 
-def test_what_the_feet_differ_by_is_known_between_the_times_it_is_given_for_in_any_order(walk: SimulatedFeet) -> None:
-    feet = true_foot(walk, "right", WHOLE), true_foot(walk, "left", WHOLE)
+def test_what_the_feet_differ_by_is_known_between_the_times_it_is_given_for_in_any_order() -> None:
+    feet = true_foot("right", WHOLE), true_foot("left", WHOLE)
     t, size = np.array([10.0, 50.0, 30.0]), np.array([1.0, 1.0, 5.0])
     person = trace_person(*feet, t, size[:, None, None] * np.eye(4))
     expected = 1.0 + 0.25 * np.interp(person.stances.t, [10.0, 30.0, 50.0], [1.0, 5.0, 1.0])
     np.testing.assert_allclose(person.stances.position_cov[:, 2, 2], expected)
 
 
-def test_the_person_looks_where_the_person_walks(walk: SimulatedFeet) -> None:
-    person = trace(walk, WHOLE, WHOLE)
+def test_the_person_looks_where_the_person_walks() -> None:
+    person = trace(WHOLE, WHOLE)
     later = np.interp(np.stack([person.t - 1.0, person.t + 1.0]), person.t, np.arange(len(person.t))).astype(int)
     way = (person.position[later[1]] - person.position[later[0]])[:, :2]
     walks = np.hypot(*way.T) > 2.0
@@ -82,6 +76,6 @@ def test_the_person_looks_where_the_person_walks(walk: SimulatedFeet) -> None:
     assert np.degrees(np.quantile(np.abs(wrap_angle(off[walks])), 0.9)) < 25.0
 
 
-def test_where_neither_was_recorded_nothing_is_made_up(walk: SimulatedFeet) -> None:
-    person = trace(walk, BROKEN, BROKEN)
+def test_where_neither_was_recorded_nothing_is_made_up() -> None:
+    person = trace(BROKEN, BROKEN)
     assert np.diff(person.t).max() == pytest.approx(HOLE[1] - HOLE[0], abs=0.02)

@@ -30,7 +30,8 @@ from fg_nav.online.navigator import OnlineNavigator
 from fg_nav.smoother.batch import WalkInput
 from fg_nav.smoother.feet import smooth_feet
 from fg_nav.truth import Fix
-from tests.online.feet_walks import demo_feet, heading_of, heads_known, list_blocks, push_feet
+from tests.feet.walks import both, truth_of
+from tests.online.feet_walks import heads_known, list_blocks, push_feet
 
 
 @cache
@@ -66,24 +67,21 @@ def interpolate(t, path):
 
 def true_path(side: Side, t: Floats) -> Floats:
     """From where the left foot stood at first."""
-    start = demo_feet().left.recording.truth.position[0]
-    return interpolate(t, demo_feet().sides[side].recording.truth) - start
+    return interpolate(t, truth_of(side)) - truth_of("left").position[0]
 
 
 def test_at_the_end_both_feet_and_the_person_are_where_the_batch_has_them() -> None:
     """Found: 9 mm rms, 22 mm at most; in the left foot's frame, whose heading was given."""
-    recordings = {side: replace(one.recording, mag=None) for side, one in demo_feet().sides.items()}
-    feet = {side: WalkInput(one, detect_stances(one), heading_of(side)) for side, one in recordings.items()}
-    end, both = walked()[1], smooth_feet(feet["right"], feet["left"])
+    end = walked()[1]
     for side in SIDES:
-        found, batch = end.feet[side].stances, getattr(both, side)
+        found, batch = end.feet[side].stances, getattr(both(), side)
         apart = np.linalg.norm(found.position - interpolate(found.t, batch), axis=1)
         assert np.sqrt(np.mean(apart**2)) < 0.02
         assert apart.max() < 0.05
         assert found.position_sigma[-1, :2] == pytest.approx(batch.stances.position_sigma[-1, :2], rel=0.1)
-    assert end.both.width_m == pytest.approx(both.width_m, abs=0.02)
-    assert end.both.width_sigma_m == pytest.approx(both.width_sigma_m, rel=0.1)
-    assert end.both.person.position[-1] == pytest.approx(both.person.position[-1], abs=0.05)
+    assert end.both.width_m == pytest.approx(both().width_m, abs=0.02)
+    assert end.both.width_sigma_m == pytest.approx(both().width_sigma_m, rel=0.1)
+    assert end.both.person.position[-1] == pytest.approx(both().person.position[-1], abs=0.05)
 
 
 def test_lines_of_both_are_in_one_frame_after_some_strides() -> None:
