@@ -14,6 +14,7 @@ from fg_nav.lab.simulation import simulate_feet
 from fg_nav.recording import Recording
 from tests.feet.walks import without_field
 
+
 def swings_of(recording: Recording) -> Swings:
     return list_swings(recording, detect_stances(recording))
 

@@ -39,9 +39,7 @@ def trace(left: Spans, right: Spans) -> Solution:
 
 
 @pytest.mark.parametrize(("left", "right"), [(WHOLE, BROKEN), (BROKEN, WHOLE)])
-def test_in_a_hole_of_one_foot_the_person_goes_on_as_the_other_one(
-    left: Spans, right: Spans
-) -> None:
+def test_in_a_hole_of_one_foot_the_person_goes_on_as_the_other_one(left: Spans, right: Spans) -> None:
     whole, person = trace(WHOLE, WHOLE), trace(left, right)
     assert np.diff(person.t).max() < 0.02
     outside = (person.t < HOLE[0]) | (person.t > HOLE[1])

@@ -16,6 +16,7 @@ from fg_nav.walk import Options
 from tests.feet.walks import demo_feet, without_field
 from tests.real_data import DATA, needs_data
 
+
 def navigate(feet: Mapping[str, Recording], **more: object) -> FeetResult:
     return navigate_feet(feet["left"], feet["right"], sides="left,right", **more)  # type: ignore[arg-type]
 

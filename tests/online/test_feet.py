@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 
@@ -11,7 +10,6 @@ import numpy as np
 import pytest
 
 from fg_nav.arrays import Floats
-from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError, RecordingError
 from fg_nav.feet import SIDES, Side
 from fg_nav.online.buffer import OnlineOptions
@@ -27,8 +25,6 @@ from fg_nav.online.estimates import (
 )
 from fg_nav.online.feet import FeetNavigator, FeetWalk
 from fg_nav.online.navigator import OnlineNavigator
-from fg_nav.smoother.batch import WalkInput
-from fg_nav.smoother.feet import smooth_feet
 from fg_nav.truth import Fix
 from tests.feet.walks import both, truth_of
 from tests.online.feet_walks import heads_known, list_blocks, push_feet

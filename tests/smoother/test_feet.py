@@ -35,6 +35,7 @@ from fg_nav.smoother.solver import find_minimum
 from fg_nav.smoother.square_root import DIMENSION
 from tests.feet.walks import both, demo_feet, feet, truth_of
 
+
 @cache
 def solved() -> SolvedFeet:
     return solve_feet(*begin())
