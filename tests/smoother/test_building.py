@@ -25,24 +25,6 @@ from fg_nav.places.signature import whiten
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, building, smooth_graph
 from fg_nav.smoother.batch import SmoothedWalk
-from fg_nav.smoother.building import (
-    APART_M,
-    MIN_EVIDENCE,
-    MIN_HEADING_DEG,
-    MIN_HEIGHT_M,
-    MIN_PLACE_M,
-    NONE_FOUND,
-    STRAIGHT_WITHIN_M,
-    STRIDES,
-    DirectionFactors,
-    PathUncertainty,
-    keep_common,
-    list_displacements,
-    make_place_factors,
-    measure_uncertainty,
-    split_drift,
-    track_directions,
-)
 from fg_nav.smoother.graph import order_variables, solve
 from fg_nav.smoother.parameters import FieldParameters, WalkParameters
 from fg_nav.smoother.problem import walk_problem
@@ -75,23 +57,23 @@ def rounds(legs: int, strides: int, drift_deg: float = 0.0) -> Floats:
 
 
 def track(position: Floats, drift_deg: float = 5.0):
-    pairs = list_displacements(position)
+    pairs = building.list_displacements(position)
     course = measure_course(position[pairs[:, 1]] - position[pairs[:, 0]])
     at = pairs.mean(axis=1) / len(position)
-    return course, track_directions(course, np.ones(len(course)), at, float(np.radians(drift_deg)))
+    return course, building.track_directions(course, np.ones(len(course)), at, float(np.radians(drift_deg)))
 
 
 def test_displacements_share_no_stride_and_lie_within_straight_stretches() -> None:
     position = path_of(rounds(4, 13), 0.02)
-    pairs = list_displacements(position)
-    assert (np.diff(pairs, axis=1) == STRIDES).all()
+    pairs = building.list_displacements(position)
+    assert (np.diff(pairs, axis=1) == building.STRIDES).all()
     assert (pairs[1:, 0] >= pairs[:-1, 1]).all()
     assert len(pairs) == 8
     for first, last in pairs:
         along = position[last, :2] - position[first, :2]
         apart = position[first : last + 1, :2] - position[first, :2]
         off = np.abs(apart[:, 0] * along[1] - apart[:, 1] * along[0]) / np.linalg.norm(along)
-        assert off.max() <= STRAIGHT_WITHIN_M
+        assert off.max() <= building.STRAIGHT_WITHIN_M
 
 
 @pytest.mark.parametrize("alpha_deg", [0.0, 30.0, 44.9, 70.0])
@@ -99,7 +81,7 @@ def test_directions_are_found_wherever_they_lie(alpha_deg: float) -> None:
     position = path_of(rounds(8, 20), 0.05) @ yaw_rotation(np.radians(alpha_deg)).T
     _, found = track(position)
     assert np.degrees(np.abs(wrap_quarter(found.phi - np.radians(alpha_deg))).max()) < 1.5
-    assert found.evidence > 2 * MIN_EVIDENCE
+    assert found.evidence > 2 * building.MIN_EVIDENCE
     assert found.mixture.share > 0.9
     assert np.degrees(found.mixture.sigma) == pytest.approx(1.5, abs=0.5)
 
@@ -108,7 +90,7 @@ def test_a_drift_beyond_half_a_quarter_turn_is_tracked() -> None:
     """By 0.4 deg a stride to 64 deg, where the nearest direction is the wrong one."""
     position = path_of(rounds(8, 20, 0.4), 0.05)
     _, found = track(position, 40.0)
-    middle = list_displacements(position).mean(axis=1)
+    middle = building.list_displacements(position).mean(axis=1)
     drift = np.degrees(found.phi - found.phi[0])
     np.testing.assert_allclose(drift, 0.4 * (middle - middle[0]), atol=3.0)
     assert drift[-1] > 55.0
@@ -118,8 +100,8 @@ def test_a_drift_beyond_half_a_quarter_turn_is_tracked() -> None:
 @pytest.mark.parametrize("seed", range(20))
 def test_courses_that_are_anything_show_none(seed: int, drift_deg: float) -> None:
     course = np.random.default_rng(seed).uniform(-np.pi, np.pi, 40)
-    found = track_directions(course, np.ones(40), np.linspace(0.0, 1.0, 40), float(np.radians(drift_deg)))
-    assert found.evidence < MIN_EVIDENCE
+    found = building.track_directions(course, np.ones(40), np.linspace(0.0, 1.0, 40), float(np.radians(drift_deg)))
+    assert found.evidence < building.MIN_EVIDENCE
 
 
 @cache
@@ -149,7 +131,7 @@ def test_a_rectangle_with_a_drifting_heading_is_made_right_by_a_direction_that_i
     assert any("follow the directions of a building" in note for note in held.notes)
     walk, solved = both[1], both[1].walk.problem
     # Four legs of four and two displacements, which count as three courses at most.
-    share = solved.get(DirectionFactors).courses.residuals.share
+    share = solved.get(building.DirectionFactors).courses.residuals.share
     np.testing.assert_allclose(share, np.tile(np.repeat([0.75, 1.0], [4, 2]), 2))
     keys = order_variables(solved)
     assert int(keys[-1]) == A(0)
@@ -163,26 +145,26 @@ def test_a_circle_is_the_same_walk_with_directions() -> None:
     free, held = (one.solution for one in turning("circle")[1:])
     np.testing.assert_array_equal(held.position, free.position)
     np.testing.assert_array_equal(held.stances.heading_sigma, free.stances.heading_sigma)
-    assert NONE_FOUND in held.notes
-    assert NONE_FOUND not in free.notes
+    assert building.NONE_FOUND in held.notes
+    assert building.NONE_FOUND not in free.notes
 
 
 def test_a_walk_is_split_where_its_heading_is_lost() -> None:
     grown_deg = np.array([0.0, 1, 2, 2, 0, 50, 33, 3, 8, 12, 1])  # over the stride before each footfall
-    drift = split_drift(np.cumsum(np.radians(grown_deg) ** 2))
+    drift = building.split_drift(np.cumsum(np.radians(grown_deg) ** 2))
     np.testing.assert_array_equal(drift.piece, [0, 0, 0, 0, 0, 1, 2, 2, 2, 3, 3])
     assert np.degrees(drift.sigma) == pytest.approx(np.sqrt(1 + 4 + 4 + 9 + 64 + 1))
-    assert split_drift(np.radians(np.linspace(0.0, 80.0, 240)) ** 2).piece[-1] == 0
+    assert building.split_drift(np.radians(np.linspace(0.0, 80.0, 240)) ** 2).piece[-1] == 0
 
 
 def test_nothing_is_carried_over_a_lost_turn() -> None:
     """By half a right angle: both halves find their own directions."""
     position = path_of(rounds(8, 20), 0.05)
     turned = np.vstack([position[:81], position[81:] @ yaw_rotation(np.pi / 4).T])
-    pairs = list_displacements(position)
+    pairs = building.list_displacements(position)
     course = measure_course(turned[pairs[:, 1]] - turned[pairs[:, 0]])
     at, is_lost = pairs.mean(axis=1) / len(position), np.diff(pairs[:, 0] > 80) > 0
-    found = track_directions(course, np.ones(len(course)), at, np.radians(3.0), is_lost)
+    found = building.track_directions(course, np.ones(len(course)), at, np.radians(3.0), is_lost)
     off = np.where(pairs[:, 0] > 80, np.pi / 4, 0.0)
     assert np.degrees(np.abs(wrap_quarter(found.phi - off)).max()) < 2.0
     assert found.mixture.share > 0.9
@@ -257,7 +239,7 @@ def test_the_uncertainty_of_a_place_is_that_of_the_whole_graph() -> None:
     walk = part(demo(), 8)
     short = walk_problem(walk.recording, walk.stances, 0.0, DEFAULT)
     minimum, columns = solve(short), find_columns(short)
-    found, root = measure_uncertainty(short, minimum), dense_root(short, minimum.linearized_at)[2]
+    found, root = building.measure_uncertainty(short, minimum), dense_root(short, minimum.linearized_at)[2]
     rows = []
     for key in (X(int(short.nodes.result[k])) for k in (-1, 1)):
         R, pose = minimum.linearized_at.atPose3(key).rotation().matrix(), root[columns[key]]
@@ -267,29 +249,31 @@ def test_the_uncertainty_of_a_place_is_that_of_the_whole_graph() -> None:
     assert (found.place[1, -1], found.height[1, -1]) == pytest.approx((position, height), rel=0.05)
     assert found.heading[1, -1] == pytest.approx(heading, rel=0.05)
     ends = found.walked_m[[1]], found.walked_m[[-1]]
-    assert found.position_m(*ends) == pytest.approx(np.hypot(np.sqrt(position), MIN_PLACE_M), rel=0.01)
-    assert found.height_m(*ends) == pytest.approx(np.hypot(np.sqrt(height), MIN_HEIGHT_M), rel=0.01)
-    assert found.heading_rad(*ends) == pytest.approx(np.hypot(np.sqrt(heading), np.radians(MIN_HEADING_DEG)), rel=0.01)
+    assert found.position_m(*ends) == pytest.approx(np.hypot(np.sqrt(position), building.MIN_PLACE_M), rel=0.01)
+    assert found.height_m(*ends) == pytest.approx(np.hypot(np.sqrt(height), building.MIN_HEIGHT_M), rel=0.01)
+    assert found.heading_rad(*ends) == pytest.approx(
+        np.hypot(np.sqrt(heading), np.radians(building.MIN_HEADING_DEG)), rel=0.01
+    )
 
 
 def test_by_way_of_an_anchor_behind_the_first_place_the_sigmas_of_both_ways_add_up() -> None:
     walked_m, variance = 5.0 * np.arange(7), np.arange(14.0).reshape(2, 7)
-    path = PathUncertainty(walked_m, np.array([0.0, 20.0]), variance, variance, variance)
+    path = building.PathUncertainty(walked_m, np.array([0.0, 20.0]), variance, variance, variance)
     for first_m, sigma_m in ((4.0, np.sqrt(6.0)), (12.0, np.sqrt(10.0) + np.sqrt(13.0)), (20.0, np.sqrt(13.0))):
         found = path.position_m(np.array([first_m]), np.array([30.0]))
-        assert found == pytest.approx(np.hypot(sigma_m, MIN_PLACE_M)), first_m
+        assert found == pytest.approx(np.hypot(sigma_m, building.MIN_PLACE_M)), first_m
 
 
 def test_what_two_rounds_have_in_common_is_kept() -> None:
     later = np.arange(100.0, 200.0)
     one = Stretch(later, later - 90.0, False, 50.0, 1e-9)
     bent = replace(one, earlier=one.earlier + np.where((later >= 140.0) & (later < 150.0), 6.0, 1.0))
-    pieces = keep_common((one,), (bent,))
+    pieces = building.keep_common((one,), (bent,))
     assert [(piece.later[0], piece.later[-1]) for piece in pieces] == [(100.0, 139.0), (150.0, 199.0)]
     assert sum(piece.score for piece in pieces) == pytest.approx(45.0)
-    assert keep_common((one,), ()) == ()
-    assert keep_common((one,), (replace(one, opposite=True),)) == ()
-    assert keep_common((one,), (replace(one, later=later + 92.0, earlier=one.earlier + 92.0),)) == ()
+    assert building.keep_common((one,), ()) == ()
+    assert building.keep_common((one,), (replace(one, opposite=True),)) == ()
+    assert building.keep_common((one,), (replace(one, later=later + 92.0, earlier=one.earlier + 92.0),)) == ()
 
 
 def test_a_walk_whose_rounds_say_different_things_is_not_closed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -321,7 +305,9 @@ def test_ties_have_the_errors_that_they_claim_on_a_rough_floor_and_on_a_smooth_o
             wrong = replace(true, earlier=true.move_earlier(rng.uniform(-0.8, 0.8)))
             foot = np.arange(0, len(path), 3)
             R = np.tile(np.eye(3), (len(foot), 1, 1))
-            factors = make_place_factors(path, [wrong], path.t[foot], path.position[foot], R, np.arange(len(foot)))
+            factors = building.make_place_factors(
+                path, [wrong], path.t[foot], path.position[foot], R, np.arange(len(foot))
+            )
             poses = np.tile(np.eye(4), (len(foot), 1, 1))
             poses[:, :3, 3] = path.position[foot]
             joined = np.array(factors.keys) - X(0)
@@ -343,8 +329,8 @@ def test_a_tie_is_as_sharp_along_the_path_as_its_alignment_and_its_shift_togethe
     piece = replace(whole, later=whole.later[:28], earlier=whole.earlier[:28])
     foot = np.arange(0, len(path), 3)
     R = np.tile(np.eye(3), (len(foot), 1, 1))
-    tie = make_place_factors(path, [piece], path.t[foot], path.position[foot], R, 2 * foot)
-    (pair,), count = tie.keys, 13.5 / APART_M
+    tie = building.make_place_factors(path, [piece], path.t[foot], path.position[foot], R, 2 * foot)
+    (pair,), count = tie.keys, 13.5 / building.APART_M
     assert np.abs(path.distance_m[(np.array(pair) - X(0)) // 2] - [108.0, 10.0]).max() < 0.9  # the middles
     shift_sigma = find_shift(weigh_shifts(whiten(path), piece))[1]
     assert 0.1 < shift_sigma < 0.8
@@ -362,7 +348,7 @@ def test_laps_of_hours_are_tied_cell_by_cell() -> None:
     laps = [Stretch(points[160 * k :], points[: -160 * k], False, 500.0, 1e-99) for k in range(1, 60)]
     foot = np.arange(0, len(points), 3)
     poses = path.t[foot], place[foot], np.tile(np.eye(3), (len(foot), 1, 1))
-    factors = make_place_factors(path, laps, *poses, np.arange(len(foot)))
+    factors = building.make_place_factors(path, laps, *poses, np.arange(len(foot)))
     ties = np.array(factors.keys)
     assert len(ties) > 200
     assert len(np.unique(ties[:, 1])) <= 5

@@ -17,19 +17,6 @@ from fg_nav.lab.consistency import compute_stance_nees
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother import feet as feet_module
 from fg_nav.smoother.batch import WalkInput, fit_walk
-from fg_nav.smoother.feet import (
-    REACH_M,
-    RIGHT,
-    SolvedFeet,
-    _pair_keys,
-    _subtract_left,
-    _take_covariances,
-    order_variables,
-    pair_standing_feet,
-    smooth_feet,
-    solve_feet,
-    tie_feet,
-)
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.solver import find_minimum
 from fg_nav.smoother.square_root import DIMENSION
@@ -37,8 +24,8 @@ from tests.feet.walks import both, demo_feet, feet, truth_of
 
 
 @cache
-def solved() -> SolvedFeet:
-    return solve_feet(*begin())
+def solved() -> feet_module.SolvedFeet:
+    return feet_module.solve_feet(*begin())
 
 
 def begin() -> list[WalkProblem]:
@@ -60,7 +47,7 @@ def test_both_feet_are_found_in_one_frame_though_the_right_ones_start_is_not_kno
 
 def test_the_width_is_that_of_the_person_and_negative_where_the_feet_are_swapped() -> None:
     """The sensors sit up to some centimeters aside of the soles' middles."""
-    right, swapped = both(), smooth_feet(feet()["left"], feet()["right"])
+    right, swapped = both(), feet_module.smooth_feet(feet()["left"], feet()["right"])
     assert right.width_m == pytest.approx(demo_feet().step_width_m, abs=0.05)
     assert right.width_sigma_m < 0.05
     assert right.beyond_reach == 0
@@ -104,7 +91,7 @@ def test_where_one_foot_was_not_recorded_the_person_goes_as_the_other_one() -> N
         foot = feet()[side]
         cut = foot.recording.slice(0, len(foot.recording) * 2 // 3)
         given = {**feet(), side: WalkInput(cut, detect_stances(cut), foot.heading)}
-        person = smooth_feet(given["right"], given["left"]).person
+        person = feet_module.smooth_feet(given["right"], given["left"]).person
         assert person.t[-1] == pytest.approx(whole.t[-1], abs=0.1)
         apart = np.stack([np.interp(whole.t, person.t, column) for column in person.position.T], axis=1)
         assert np.abs(apart - whole.position).max() < 0.8  # half a stride, and what one foot drifts
@@ -141,33 +128,33 @@ def assert_like(found, dense) -> None:
 def test_where_no_steps_tie_the_feet_pairs_of_footfalls_hold_what_they_differ_by(monkeypatch) -> None:
     """They say nothing, and the tables and the differences of all pairs are those of the dense information."""
     monkeypatch.setattr("fg_nav.smoother.feet.WATCHED_S", 1.5)
-    watched = solve_feet(*begin())
+    watched = feet_module.solve_feet(*begin())
     ties = watched.problem.ties
     assert len(ties) > ties.cells + 3
     assert ties.cells == solved().problem.ties.cells
     assert watched.minimum.error == pytest.approx(solved().minimum.error, rel=1e-9)
-    keys = order_variables(watched.problem)
+    keys = feet_module.order_variables(watched.problem)
     dense = find_dense_covariance(watched.problem.system, watched.minimum.linearized_at, keys)
     shared = np.zeros((watched.minimum.root.total, 0))
-    tables, apart = _take_covariances(watched, shared)
-    by_itself = _subtract_left(
-        watched, watched.minimum.root.joint_covariances(_pair_keys(ties.pairs.right, ties.pairs.left))
+    tables, apart = feet_module._take_covariances(watched, shared)
+    by_itself = feet_module._subtract_left(
+        watched, watched.minimum.root.joint_covariances(feet_module._pair_keys(ties.pairs.right, ties.pairs.left))
     )
     np.testing.assert_allclose(apart, by_itself, rtol=1e-9, atol=1e-15)
     for k in (0, ties.cells - 1, ties.cells, len(ties) - 1):
-        joint = dense(_pair_keys(ties.pairs.right, ties.pairs.left)[k])
+        joint = dense(feet_module._pair_keys(ties.pairs.right, ties.pairs.left)[k])
         assert_like(tables[0][ties.right[k]], joint[:6, :6])
         assert_like(tables[1][ties.left[k]], joint[6:, 6:])
-        assert_like(apart[k], _subtract_left(watched, np.tile(joint, (len(ties), 1, 1)))[k])
+        assert_like(apart[k], feet_module._subtract_left(watched, np.tile(joint, (len(ties), 1, 1)))[k])
     free = np.setdiff1d(np.arange(len(tables[0]) - 1), ties.right)[5]
-    key = np.uint64(X(int(watched.problem.right.nodes.result[free]))) + RIGHT
+    key = np.uint64(X(int(watched.problem.right.nodes.result[free]))) + feet_module.RIGHT
     assert_like(tables[0][free], dense(np.array([key])))
 
 
 def test_between_ties_that_are_far_apart_a_pair_is_watched_every_15_s(monkeypatch) -> None:
     problem = solved().problem
     monkeypatch.setattr(feet_module, "average_cells", lambda *feet: average_cells(*feet).take(np.array([0])))
-    ties = tie_feet(problem.right, problem.left, solved().minimum.values)
+    ties = feet_module.tie_feet(problem.right, problem.left, solved().minimum.values)
     t = [one.recording.t[one.nodes.sample[one.nodes.result]] for one in (problem.right, problem.left)]
     at = np.stack([t[0][ties.right], t[1][ties.left]], axis=1) - max(one[0] for one in t)
     # A standing and a cell at the start tie the feet; later moments are half a minute and more behind them.
@@ -179,7 +166,7 @@ def test_between_ties_that_are_far_apart_a_pair_is_watched_every_15_s(monkeypatc
 def test_standing_feet_beyond_reach_are_found_and_pulled_together() -> None:
     """Feet that stand at one time cannot be two meters apart; where they are near nothing is asked."""
     problem, values = solved().problem, solved().minimum.values
-    standing = pair_standing_feet(problem.right, problem.left)
+    standing = feet_module.pair_standing_feet(problem.right, problem.left)
     assert (standing.evaluate(values, False)[0] == 0.0).all()
     away = replace(values, right=type(values.right)(values.right))
     for j in range(len(problem.right.nodes)):
@@ -188,12 +175,12 @@ def test_standing_feet_beyond_reach_are_found_and_pulled_together() -> None:
         away.right.update(key, type(pose)(pose.rotation(), pose.translation() + np.array([2.0, 0.0, 0.0])))
     beyond = standing.take(standing.evaluate(away, False)[0][:, 0] > 0.0)
     assert len(beyond) > 20
-    assert (standing.residuals.reach >= REACH_M).all()
+    assert (standing.residuals.reach >= feet_module.REACH_M).all()
     assert beyond.error(away) > 10.0 * len(beyond)
     assert beyond.error(values) == 0.0
     # Asked for, they come back.
     again = replace(problem, values=away, reach=beyond)
-    found = find_minimum(again.system, away, order_variables(again)).values
+    found = find_minimum(again.system, away, feet_module.order_variables(again)).values
     assert beyond.error(found) < 0.01
 
 
@@ -202,14 +189,14 @@ def test_two_walks_of_two_people_are_refused() -> None:
     right = feet()["right"]
     late = replace(right.recording, t=right.recording.t + 500.0, truth=None)
     with pytest.raises(EstimationError, match="hardly take steps in turn"):
-        smooth_feet(replace(right, recording=late), feet()["left"])
+        feet_module.smooth_feet(replace(right, recording=late), feet()["left"])
 
 
 def test_each_foot_begins_with_the_bias_of_its_own_sensor() -> None:
     bias, right, usual = (0.4, -0.3, 0.6), feet()["right"], both()
     off = replace(right.recording, gyr=right.recording.gyr + np.radians(bias))
     known = replace(right, recording=off, parameters=SmootherParameters(gyro_bias_deg_s=bias))
-    found = smooth_feet(known, feet()["left"])
+    found = feet_module.smooth_feet(known, feet()["left"])
     np.testing.assert_allclose(found.person.position, usual.person.position, atol=5e-3)
     moved = np.degrees(found.right.stances.gyro_bias - usual.right.stances.gyro_bias)
     np.testing.assert_allclose(moved, np.tile(bias, (len(moved), 1)), atol=5e-3)

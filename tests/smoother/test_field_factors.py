@@ -14,17 +14,6 @@ from fg_nav.arrays import Floats
 from fg_nav.factors.magnetic_field import DELTA, IRON, PHI, REGION, SIZE, TAIL_SIGMAS, FieldPrior
 from fg_nav.frames import yaw_rotation
 from fg_nav.smoother import field_factors
-from fg_nav.smoother.field_factors import (
-    COMPASS_SIGMA_UT,
-    PATH_SIGMA_UT_M,
-    CompassReadings,
-    FieldFactors,
-    FieldPath,
-    FieldRoughness,
-    Roughness,
-    compass_sigma,
-    weigh_compass,
-)
 from fg_nav.smoother.parameters import FieldParameters
 from tests.factors.variables import pose, values_of
 from tests.linear import linear_factors
@@ -35,7 +24,9 @@ COMPASS = replace(P, potential=False)
 EARTH = np.array([3.0, 20.0, -43.0])
 STRENGTH = float(np.hypot(3.0, 20.0))
 RIGHT = np.array([EARTH[1], -EARTH[0]]) / STRENGTH  # Of the field, over ground.
-ROUGH = FieldRoughness(Roughness(4.0, 2.0), Roughness(5.0, 1.5), Roughness(2.0, 60.0), 3.0)
+ROUGH = field_factors.FieldRoughness(
+    field_factors.Roughness(4.0, 2.0), field_factors.Roughness(5.0, 1.5), field_factors.Roughness(2.0, 60.0), 3.0
+)
 FIRST = FieldPrior(
     np.array([0.0, 0.0, 0.0, 0.0, *EARTH[:2], 0.0, 0.0, 0.0]), np.array([4.0, 5.0, 2.0, 2.0, 1.0, 5.0, 0.3, 0.3, 15.0])
 )
@@ -43,7 +34,7 @@ NEVER = 1e-4  # Sigma of what is as good as known.
 UNIT = gtsam.noiseModel.Unit.Create(1)
 
 
-def error_of(factors: FieldFactors, values: gtsam.Values) -> float:
+def error_of(factors: field_factors.FieldFactors, values: gtsam.Values) -> float:
     return sum(block.error(values) for block in factors.blocks)
 
 
@@ -54,7 +45,7 @@ class Walked:
         self,
         count: int = 4,
         tilt: float = 0.3,
-        rough: FieldRoughness = ROUGH,
+        rough: field_factors.FieldRoughness = ROUGH,
         first: FieldPrior = FIRST,
         p: FieldParameters = P,
         used: Floats | bool = True,
@@ -65,20 +56,20 @@ class Walked:
         R = self.nav_R_body = yaw_rotation(yaw) @ tilted
         steps = 1.3 * np.stack([np.sin(heading), np.cos(heading), 0.05 * rng.standard_normal(count)], axis=1)
         self.position, move = np.cumsum(steps, axis=0), steps[1:]
-        self.path = FieldPath(
+        self.path = field_factors.FieldPath(
             u=move[:, :2] @ EARTH[:2],
             level_path=rng.standard_normal((count - 1, 3)),
             by_up=np.zeros((count - 1, 3)),
             body_move=np.einsum("nji,nj->ni", R[:-1], move),
             nav_R_level=R[:-1],
-            sigma_uT_m=np.full(count - 1, PATH_SIGMA_UT_M),
+            sigma_uT_m=np.full(count - 1, field_factors.PATH_SIGMA_UT_M),
             distance_m=np.linalg.norm(move, axis=1),
             level_R_body=Rotation.random(rng=rng).as_matrix(),
             jumps=np.zeros(count - 1, dtype=np.bool_),
         )
-        sigma = np.where(np.broadcast_to(used, count), COMPASS_SIGMA_UT, np.inf)
-        self.readings = CompassReadings(2 * np.arange(count), np.swapaxes(R, 1, 2) @ EARTH, R, sigma)
-        self.factors = FieldFactors(self.readings, self.path, first, rough, p)
+        sigma = np.where(np.broadcast_to(used, count), field_factors.COMPASS_SIGMA_UT, np.inf)
+        self.readings = field_factors.CompassReadings(2 * np.arange(count), np.swapaxes(R, 1, 2) @ EARTH, R, sigma)
+        self.factors = field_factors.FieldFactors(self.readings, self.path, first, rough, p)
 
     def values(self) -> gtsam.Values:
         """The truth."""
@@ -119,9 +110,9 @@ def test_residuals_are_in_units_of_their_sigmas_and_those_of_the_compass_have_a_
     right = np.zeros(SIZE)
     right[REGION] = RIGHT
     parts = (
-        (np.eye(SIZE)[PHI], PATH_SIGMA_UT_M, ROUGH.potential, 0.5 * sigmas**2),
-        (np.eye(SIZE)[DELTA], COMPASS_SIGMA_UT, ROUGH.across, tail(sigmas)),
-        (right, COMPASS_SIGMA_UT, ROUGH.regional, tail(sigmas)),
+        (np.eye(SIZE)[PHI], field_factors.PATH_SIGMA_UT_M, ROUGH.potential, 0.5 * sigmas**2),
+        (np.eye(SIZE)[DELTA], field_factors.COMPASS_SIGMA_UT, ROUGH.across, tail(sigmas)),
+        (right, field_factors.COMPASS_SIGMA_UT, ROUGH.regional, tail(sigmas)),
     )
     for one, sigma, rough, loss in parts:
         off, changed = sigmas * sigma, gtsam.Values(true)
@@ -148,7 +139,7 @@ def test_hard_iron_is_that_of_the_stance_s_axes() -> None:
     body_iron = walked.path.level_R_body.T @ iron
     seen = replace(walked.readings, body_field=walked.readings.body_field + body_iron)
     path = replace(walked.path, u=walked.path.u + walked.path.level_path @ iron)
-    factors = FieldFactors(seen, path, FIRST, ROUGH, P)
+    factors = field_factors.FieldFactors(seen, path, FIRST, ROUGH, P)
     values = walked.values()
     assert error_of(factors, values) > 1.0
     for k in range(3):
@@ -160,7 +151,7 @@ def test_hard_iron_is_that_of_the_stance_s_axes() -> None:
 
 
 KNOWN = FieldPrior(FIRST.mean, np.full(SIZE, NEVER))  # The Earth's field and no iron: nothing is asked.
-NONE = Roughness(NEVER, 1.0)
+NONE = field_factors.Roughness(NEVER, 1.0)
 
 
 @pytest.fixture
@@ -175,13 +166,15 @@ def steady(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_headings_are_known_to_the_noise_of_a_compass_and_all_of_them_to_the_region(count, region_uT) -> None:
     """However many footfalls; differences as if the region were not there."""
     first = replace(KNOWN, sigma=np.where(np.isin(np.arange(SIZE), [2, 3]), region_uT, NEVER))
-    rough = FieldRoughness(NONE, NONE, Roughness(region_uT, 1e12), 0.0)
+    rough = field_factors.FieldRoughness(NONE, NONE, field_factors.Roughness(region_uT, 1e12), 0.0)
     found = Walked(count=count, rough=rough, first=first, p=COMPASS).covariance_of_yaws()
-    expected = region_uT**2 + COMPASS_SIGMA_UT**2 * np.eye(count)
-    np.testing.assert_allclose(found * STRENGTH**2, expected, rtol=1e-3, atol=1e-3 * COMPASS_SIGMA_UT**2)
+    expected = region_uT**2 + field_factors.COMPASS_SIGMA_UT**2 * np.eye(count)
+    np.testing.assert_allclose(found * STRENGTH**2, expected, rtol=1e-3, atol=1e-3 * field_factors.COMPASS_SIGMA_UT**2)
 
 
 def test_a_compass_counts_by_its_variance_and_for_no_more_than_one_of_the_walk() -> None:
-    sigma = compass_sigma(np.array([0.0, 1.0, 4.0, np.inf]), ROUGH)
-    np.testing.assert_allclose(sigma, np.hypot(COMPASS_SIGMA_UT, ROUGH.white_uT * np.array([0.0, 1.0, 2.0, np.inf])))
-    np.testing.assert_allclose(weigh_compass(sigma, ROUGH), [1.0, 1.0, (sigma[1] / sigma[2]) ** 2, 0.0])
+    sigma = field_factors.compass_sigma(np.array([0.0, 1.0, 4.0, np.inf]), ROUGH)
+    np.testing.assert_allclose(
+        sigma, np.hypot(field_factors.COMPASS_SIGMA_UT, ROUGH.white_uT * np.array([0.0, 1.0, 2.0, np.inf]))
+    )
+    np.testing.assert_allclose(field_factors.weigh_compass(sigma, ROUGH), [1.0, 1.0, (sigma[1] / sigma[2]) ** 2, 0.0])

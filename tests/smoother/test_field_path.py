@@ -10,22 +10,7 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.factors.magnetic_field import E_H, SIZE, FieldPotential
 from fg_nav.frames import yaw_rotation
 from fg_nav.lab.simulation.fields import magnet
-from fg_nav.smoother.field_factors import (
-    ASSUMED_SHARE,
-    MIN_REGIONAL_UT,
-    MIN_SIGMA_UT,
-    PATH_SIGMA_UT_M,
-    POTENTIAL_PER_FIELD_M,
-    REGIONAL_LENGTH_M,
-    REGIONAL_SHARE,
-    FieldPath,
-    FieldRoughness,
-    Roughness,
-    deviate_along,
-    integrate_path,
-    measure_roughness,
-    split_potential,
-)
+from fg_nav.smoother import field_factors
 
 EARTH = np.array([3.0, 20.0, -43.0])
 STRIDES, STRIDE_M, STRIDE_S, STANDS = 12, 1.3, 1.1, 0.4
@@ -69,8 +54,8 @@ def round_a_circle(rate_hz: float = 200.0, clearance_m: float = 0.15, mount: Flo
     return Trodden(t, position, attitude.as_matrix(), footfall)
 
 
-def along(trodden: Trodden, mag: Floats, up_uT: float = EARTH[2]) -> FieldPath:
-    return integrate_path(trodden.t, mag, trodden.position, trodden.nav_R_body, trodden.footfall, up_uT)
+def along(trodden: Trodden, mag: Floats, up_uT: float = EARTH[2]) -> field_factors.FieldPath:
+    return field_factors.integrate_path(trodden.t, mag, trodden.position, trodden.nav_R_body, trodden.footfall, up_uT)
 
 
 def moves(trodden: Trodden) -> Floats:
@@ -85,7 +70,7 @@ def test_a_homogeneous_field_integrates_to_itself_times_the_move() -> None:
     np.testing.assert_allclose(way.distance_m, np.linalg.norm(moves(trodden), axis=1))
     in_body = np.einsum("nij,nj->ni", way.nav_R_level, way.body_move)
     np.testing.assert_allclose(in_body, moves(trodden), atol=1e-12)
-    np.testing.assert_array_equal(way.sigma_uT_m, PATH_SIGMA_UT_M)
+    np.testing.assert_array_equal(way.sigma_uT_m, field_factors.PATH_SIGMA_UT_M)
 
 
 @pytest.mark.parametrize("angle", [0.3, -2.0, np.pi])
@@ -110,7 +95,7 @@ def test_attitudes_that_are_tilted_give_the_residual_of_the_true_ones() -> None:
     assert np.abs(left).max() < 0.01 * np.abs(tilted.u - true.u).max()
 
 
-def residual_of(path: FieldPath, trodden: Trodden) -> Floats:
+def residual_of(path: field_factors.FieldPath, trodden: Trodden) -> Floats:
     """Of the line integrals at the true poses, uT m; without a potential."""
     poses = np.zeros((len(path.u), 4, 4))
     poses[:, :3, :3] = trodden.nav_R_body[trodden.footfall[:-1]]
@@ -199,33 +184,33 @@ def draw(rng: np.random.Generator, sigma: float, length_m: float, distance_m: Fl
 
 
 def draw_field(
-    seed: int, white_uT: float, across: Roughness, regional_uT: float, count: int = 4000
+    seed: int, white_uT: float, across: field_factors.Roughness, regional_uT: float, count: int = 4000
 ) -> tuple[Floats, Floats]:
     """Deviations at footfalls, and the strides between them."""
     rng = np.random.default_rng(seed)
     distance = STRIDE_M * (1 + 0.1 * rng.uniform(-1, 1, count))
     own = white_uT * rng.standard_normal(count + 1)
     alike = draw(rng, across.sigma, across.length_m, distance)
-    return own + alike + draw(rng, regional_uT, REGIONAL_LENGTH_M, distance), distance
+    return own + alike + draw(rng, regional_uT, field_factors.REGIONAL_LENGTH_M, distance), distance
 
 
-def measure(deviation: Floats, distance_m: Floats) -> FieldRoughness:
-    return measure_roughness(deviation, np.ones(len(deviation), dtype=np.bool_), distance_m)
+def measure(deviation: Floats, distance_m: Floats) -> field_factors.FieldRoughness:
+    return field_factors.measure_roughness(deviation, np.ones(len(deviation), dtype=np.bool_), distance_m)
 
 
 @pytest.mark.parametrize(
     ("white_uT", "across", "regional_uT"),
     [
-        (5.0, Roughness(4.0, 3.0), 2.0),
-        (2.0, Roughness(2.0, 2.0), 2.0),
-        (0.0, Roughness(5.0, 1.5), 0.0),
-        (0.0, Roughness(5.0, 6.0), 0.0),
-        (5.0, Roughness(0.0, 3.0), 0.0),
-        (5.0, Roughness(0.0, 3.0), 2.0),
+        (5.0, field_factors.Roughness(4.0, 3.0), 2.0),
+        (2.0, field_factors.Roughness(2.0, 2.0), 2.0),
+        (0.0, field_factors.Roughness(5.0, 1.5), 0.0),
+        (0.0, field_factors.Roughness(5.0, 6.0), 0.0),
+        (5.0, field_factors.Roughness(0.0, 3.0), 0.0),
+        (5.0, field_factors.Roughness(0.0, 3.0), 2.0),
     ],
 )
 def test_spread_length_and_regional_part_of_a_process_are_found(
-    white_uT: float, across: Roughness, regional_uT: float
+    white_uT: float, across: field_factors.Roughness, regional_uT: float
 ) -> None:
     """A walk of 5 km: the mean over seeds to a tenth of the whole spread, one alone to a third."""
     found = [measure(*draw_field(seed, white_uT, across, regional_uT)) for seed in SEEDS]
@@ -234,13 +219,15 @@ def test_spread_length_and_regional_part_of_a_process_are_found(
     whole = np.linalg.norm(expected)
     np.testing.assert_allclose((parts**2).mean(axis=0), expected**2, atol=0.1 * whole**2)
     np.testing.assert_allclose(parts**2, np.tile(expected**2, (len(parts), 1)), atol=0.33 * whole**2)
-    np.testing.assert_allclose([one.potential.sigma for one in found], POTENTIAL_PER_FIELD_M * whole, rtol=0.1)
+    np.testing.assert_allclose(
+        [one.potential.sigma for one in found], field_factors.POTENTIAL_PER_FIELD_M * whole, rtol=0.1
+    )
     if across.sigma > 0.3 * whole:
         assert np.mean([one.across.length_m for one in found]) == pytest.approx(across.length_m, rel=0.15)
 
 
 def test_a_magnet_on_the_way_does_not_set_the_scale() -> None:
-    deviation, distance = draw_field(3, 1.0, Roughness(2.0, 3.0), 0.5, 300)
+    deviation, distance = draw_field(3, 1.0, field_factors.Roughness(2.0, 3.0), 0.5, 300)
     clean = measure(deviation, distance)
     deviation[[20, 21, 150, 290]] = 500.0, -300.0, 1e4, -80.0
     found = measure(deviation, distance)
@@ -251,9 +238,11 @@ def test_a_magnet_on_the_way_does_not_set_the_scale() -> None:
 
 
 def test_footfalls_that_were_not_seen_are_left_out() -> None:
-    deviation, distance = draw_field(6, 1.0, Roughness(3.0, 4.0), 1.0)
+    deviation, distance = draw_field(6, 1.0, field_factors.Roughness(3.0, 4.0), 1.0)
     seen = np.arange(len(deviation)) % 5 > 0
-    found, hidden = (measure_roughness(np.where(seen, deviation, value), seen, distance) for value in (np.nan, 1e3))
+    found, hidden = (
+        field_factors.measure_roughness(np.where(seen, deviation, value), seen, distance) for value in (np.nan, 1e3)
+    )
     assert found == hidden
     whole = measure(deviation, distance)
     assert found.across.sigma == pytest.approx(whole.across.sigma, rel=0.1)
@@ -263,25 +252,27 @@ def test_footfalls_that_were_not_seen_are_left_out() -> None:
 
 def test_a_short_walk_keeps_to_what_was_assumed() -> None:
     """Eight strides, of which each deviates for itself or all alike."""
-    for across in (Roughness(0.0, 3.0), Roughness(4.0, 300.0)):
+    for across in (field_factors.Roughness(0.0, 3.0), field_factors.Roughness(4.0, 300.0)):
         found = [measure(*draw_field(seed, 5.0 - across.sigma, across, 0.0, 8)) for seed in SEEDS]
-        whole = np.array([one.potential.sigma / POTENTIAL_PER_FIELD_M for one in found])
+        whole = np.array([one.potential.sigma / field_factors.POTENTIAL_PER_FIELD_M for one in found])
         shares = np.array([[one.across.sigma, one.regional.sigma] for one in found]) ** 2 / whole[:, None] ** 2
-        np.testing.assert_allclose(shares.mean(axis=0), [ASSUMED_SHARE, REGIONAL_SHARE], atol=0.15)
+        np.testing.assert_allclose(
+            shares.mean(axis=0), [field_factors.ASSUMED_SHARE, field_factors.REGIONAL_SHARE], atol=0.15
+        )
 
 
 @pytest.mark.parametrize("seen", [np.zeros(30, dtype=np.bool_), np.arange(30) == 29], ids=["none", "the last"])
 def test_where_nothing_was_seen_the_spread_is_the_sensor_s(seen: np.ndarray) -> None:
-    found = measure_roughness(np.zeros(30), seen, np.full(29, STRIDE_M))
-    assert found.potential.sigma == pytest.approx(POTENTIAL_PER_FIELD_M * MIN_SIGMA_UT)
-    assert found.across.sigma == found.regional.sigma == MIN_REGIONAL_UT
+    found = field_factors.measure_roughness(np.zeros(30), seen, np.full(29, STRIDE_M))
+    assert found.potential.sigma == pytest.approx(field_factors.POTENTIAL_PER_FIELD_M * field_factors.MIN_SIGMA_UT)
+    assert found.across.sigma == found.regional.sigma == field_factors.MIN_REGIONAL_UT
     assert found.white_uT < 0.02
 
 
 def test_the_changes_of_a_potential_keep_their_variance_where_a_share_of_it_is_lost() -> None:
-    one, distance = Roughness(6.0, 12.0), np.array([0.0, 1.3, 40.0])
+    one, distance = field_factors.Roughness(6.0, 12.0), np.array([0.0, 1.3, 40.0])
     for share in (0.0, 0.3, 0.9):
-        telescoping, noise = split_potential(one, share, distance)
+        telescoping, noise = field_factors.split_potential(one, share, distance)
         changes = 2.0 * telescoping.sigma**2 * (1.0 - telescoping.correlation(distance)) + noise**2
         np.testing.assert_allclose(changes, 2.0 * one.sigma**2 * (1.0 - one.correlation(distance)))
 
@@ -293,7 +284,7 @@ def test_a_deviation_along_the_field_hardly_hangs_on_the_heading() -> None:
     turn = np.radians(1.0)
     turned = field.copy()
     turned[:, :2] = field[:, :2] @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-    along, same = deviate_along(field, reference), deviate_along(turned, reference)
+    along, same = field_factors.deviate_along(field, reference), field_factors.deviate_along(turned, reference)
     np.testing.assert_allclose(along, same, atol=0.07)
     expected = field[:, :2] @ reference[0] / np.hypot(6.0, 19.0)
     np.testing.assert_allclose(along, expected - np.median(expected))

@@ -13,21 +13,7 @@ from fg_nav.detection.stance import Stances
 from fg_nav.factors.zero_velocity import StanceVelocity
 from fg_nav.frames import GRAVITY_M_S2, UNKNOWN_RAD
 from fg_nav.recording import Recording
-from fg_nav.smoother import SmootherParameters
-from fg_nav.smoother.strides import (
-    CLIMBING_M_S,
-    FIELD_SIGMA_RAD,
-    LONG_STANCE_S,
-    REST_SPACING_S,
-    STRAIGHT_S,
-    TURNING_RAD,
-    VELOCITY_SIGMA,
-    Nodes,
-    find_unseen_walks,
-    measure_velocities,
-    place_nodes,
-    walk_for,
-)
+from fg_nav.smoother import SmootherParameters, strides
 from tests.simulated import LEVER, RIGID
 from tests.smoother.walks import DEFAULT, Walk, demo, noise_free
 
@@ -55,7 +41,7 @@ def test_nodes_stand_in_order_in_their_stances_neither_close_nor_far_and_on_the_
     lengths: list[tuple[int, int]], seed: int, one: bool, node_s: float
 ) -> None:
     recording, stances = walk_with(lengths, seed, one)
-    nodes = place_nodes(recording, stances, replace(DEFAULT, node_spacing_s=node_s))
+    nodes = strides.place_nodes(recording, stances, replace(DEFAULT, node_spacing_s=node_s))
     assert np.all(np.diff(nodes.sample) > 0)
     assert np.all((stances.start[nodes.interval] <= nodes.sample) & (nodes.sample < stances.stop[nodes.interval]))
     assert set(nodes.interval) == set(range(len(stances)))
@@ -66,7 +52,7 @@ def test_nodes_stand_in_order_in_their_stances_neither_close_nor_far_and_on_the_
     for k in range(len(stances)) if not one else ():
         step = np.diff(recording.t[nodes.sample[nodes.interval == k]])
         duration = recording.t[stances.stop[k] - 1] - recording.t[stances.start[k]]
-        spacing = node_s if duration <= LONG_STANCE_S else REST_SPACING_S
+        spacing = node_s if duration <= strides.LONG_STANCE_S else strides.REST_SPACING_S
         assert np.all(step >= DEFAULT.shortest_interval_s - 1e-9)
         assert np.all(step <= 1.5 * spacing + 2 / RATE)  # the node on the stillest sample was moved by half a step
 
@@ -74,13 +60,13 @@ def test_nodes_stand_in_order_in_their_stances_neither_close_nor_far_and_on_the_
 SOFT = replace(DEFAULT, settling_m=0.0015)  # On a sole that is expected to give way by 1.5 mm.
 
 
-def ties_of(walk: Walk, p: SmootherParameters = SOFT) -> tuple[Nodes, StanceVelocity]:
+def ties_of(walk: Walk, p: SmootherParameters = SOFT) -> tuple[strides.Nodes, StanceVelocity]:
     """Nodes of a walk without a gyro bias, and what is expected of their velocities."""
-    nodes = place_nodes(walk.recording, walk.stances, p)
-    return nodes, measure_velocities(walk.recording, walk.stances, nodes, np.zeros(3), np.array(LEVER), p)
+    nodes = strides.place_nodes(walk.recording, walk.stances, p)
+    return nodes, strides.measure_velocities(walk.recording, walk.stances, nodes, np.zeros(3), np.array(LEVER), p)
 
 
-def roll(walk: Walk, nodes: Nodes, ties: StanceVelocity) -> tuple[Floats, Floats, Floats]:
+def roll(walk: Walk, nodes: strides.Nodes, ties: StanceVelocity) -> tuple[Floats, Floats, Floats]:
     """Nodes (K,) inside a stance of the walk, their expected velocity by rolling, and the true one (K, 3) m/s, nav."""
     same, truth = np.diff(nodes.interval) == 0, walk.recording.truth
     inside = np.append(same, False) & np.insert(same, 0, False)
@@ -139,7 +125,7 @@ def test_velocities_are_firm_where_the_foot_is_still() -> None:
     recording = Recording(t=np.arange(n) / 200.0, acc=acc, gyr=gyr)
     nodes, ties = ties_of(Walk(recording, stances), DEFAULT)
     sigma, p = ties.sigma, DEFAULT
-    expected = np.hypot(VELOCITY_SIGMA, np.array([0.0, 0.5 * p.roll_sigma_m, 0.5 * p.unsteady_s]))
+    expected = np.hypot(strides.VELOCITY_SIGMA, np.array([0.0, 0.5 * p.roll_sigma_m, 0.5 * p.unsteady_s]))
     np.testing.assert_allclose(sigma[:, :2], np.repeat(expected[nodes.interval][:, None], 2, axis=1), rtol=1e-9)
     sinking = p.settling_sigma_m / (99 / 200)  # how deep a sole sinks is not known
     np.testing.assert_allclose(sigma[:, 2], np.hypot(sigma[:, 0], sinking), rtol=1e-6)
@@ -154,15 +140,19 @@ def test_over_a_hole_a_person_goes_on_and_the_field_shows_part_of_the_turn() -> 
         t = np.arange(400) / 200.0 + hole_s * late
         acc, mag = (np.where(late[:, None], behind.T @ v, v) for v in (np.array([0.0, 0.0, GRAVITY_M_S2]), field))
         recording = Recording(t=t, acc=acc, gyr=np.zeros((400, 3)), mag=mag)
-        found = find_unseen_walks(recording, np.array([10, 150, 199, 200, 390]))
+        found = strides.find_unseen_walks(recording, np.array([10, 150, 199, 200, 390]))
         np.testing.assert_array_equal(found.unseen, [False, False, True, False])
         np.testing.assert_allclose(found.body_up[2], acc[200], atol=1e-9)
         elapsed = hole_s + 0.005
-        sigma = min(TURNING_RAD * np.sqrt(elapsed), UNKNOWN_RAD)
-        share = sigma**2 / (sigma**2 + FIELD_SIGMA_RAD**2)
+        sigma = min(strides.TURNING_RAD * np.sqrt(elapsed), UNKNOWN_RAD)
+        share = sigma**2 / (sigma**2 + strides.FIELD_SIGMA_RAD**2)
         assert found.walk.turn[2] == pytest.approx(share * np.radians(50.0), rel=1e-6)
         assert found.walk.turn_sigma[2] == pytest.approx(sigma)
-        np.testing.assert_allclose(found.walk.move_sigma[2] / walk_for(elapsed), [1.0, 1.0, CLIMBING_M_S])
-        assert not find_unseen_walks(recording, np.array([199, 200]), with_compass=False).walk.turn.any()
-    assert walk_for(np.array(1e-3)) == pytest.approx(1e-3, rel=1e-4)  # straight on at first,
-    assert walk_for(np.array(1e5)) == pytest.approx(np.sqrt(2.0 * STRAIGHT_S * 1e5), rel=1e-2)  # a random walk later
+        np.testing.assert_allclose(
+            found.walk.move_sigma[2] / strides.walk_for(elapsed), [1.0, 1.0, strides.CLIMBING_M_S]
+        )
+        assert not strides.find_unseen_walks(recording, np.array([199, 200]), with_compass=False).walk.turn.any()
+    assert strides.walk_for(np.array(1e-3)) == pytest.approx(1e-3, rel=1e-4)  # straight on at first,
+    assert strides.walk_for(np.array(1e5)) == pytest.approx(
+        np.sqrt(2.0 * strides.STRAIGHT_S * 1e5), rel=1e-2
+    )  # a random walk later
