@@ -112,7 +112,9 @@ def test_the_person_is_where_it_was_by_the_sigmas_told() -> None:
     path = contents(walked()[0], Revision, "person")[-1].path
     assert path[0, 0] < 5.0  # with the steps before the feet were tied
     truth = np.mean([true_path(side, path[:, 0]) for side in SIDES], axis=0)
-    assert np.linalg.norm(path[:, 1:] - truth, axis=1).max() < 0.5
+    off, walks = np.linalg.norm(path[:, 1:] - truth, axis=1), (path[:, 0] > 6.0) & (path[:, 0] < 58.5)
+    assert off[walks].max() < 0.25
+    assert off.max() < 0.5  # the first step and the last, of 0.7 m, are there or not
 
 
 def test_a_foot_that_is_silent_from_the_start_leaves_the_other_as_it_is_alone() -> None:
