@@ -95,25 +95,6 @@ def test_no_information_about_the_field_itself() -> None:
     assert (values[:, 0] < 1e-9 * values[:, -1]).all()
 
 
-def test_turned_body_axes_turn_the_bias() -> None:
-    here = measured(3)
-    turn = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
-    there = replace(
-        here,
-        body_field=here.body_field @ turn.T,
-        rotation=turn @ here.rotation @ turn.T,
-        bias_jacobian=turn @ here.bias_jacobian @ turn.T,
-        position=here.position @ turn.T,
-        gyro_bias=here.gyro_bias @ turn.T,
-    )
-    noise = replace(NOISE, iron=Iron.unknown(1.0))
-    one, other = (measure_bias(some, noise, 64) for some in (here, there))
-    both = np.kron(np.eye(2), turn)
-    np.testing.assert_allclose(other.information.matrix, both @ one.information.matrix @ both.T, rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(other.information.vector, one.information.vector @ both.T, rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(other.chi_square, one.chi_square, rtol=1e-6)
-
-
 def test_it_does_not_matter_where_it_is_linearized() -> None:
     here, there = (measure_bias(measured(5, about=about), NOISE, 64) for about in (np.zeros(3), BIAS * 0.5))
     bias, covariance = total(here)

@@ -27,7 +27,6 @@ FIELDS = {
 
 
 def footfalls(strides):
-    """Instants in the middle of the stances."""
     return STRIDE_S * np.arange(strides + 1) + 0.3
 
 
@@ -50,7 +49,6 @@ def walking(t, courses):
 
 
 def recorded(field, courses, rate=100.0, iron=HARD_IRON, noise=0.0, seed=0):
-    """Instants, attitudes, positions and body fields of a walk."""
     t = np.arange(0.0, STRIDE_S * len(courses) + 0.5, 1.0 / rate)
     R, p = walking(t, courses)
     y = np.einsum("nba,nb->na", R, field.at(p)) + iron
@@ -58,7 +56,6 @@ def recorded(field, courses, rate=100.0, iron=HARD_IRON, noise=0.0, seed=0):
 
 
 def straight_integral(field, a, b):
-    """Integral of the field over the straight line from a to b."""
     along = lambda x: field.at((a + x * (b - a))[None])[0] @ (b - a)  # noqa: E731
     return quad_vec(along, 0.0, 1.0, epsabs=1e-7)[0]
 
@@ -70,14 +67,12 @@ def integrals(walk, strides, **options):
 
 
 def state_of(phi=0.0, earth=(0.0, 0.0), iron=np.zeros(3)):
-    """State of the field at a footfall."""
     m = np.zeros(SIZE)
     m[PHI], m[EAST], m[NORTH], m[IRON] = phi, *earth, iron
     return m
 
 
 def residual_of(nav_R_body, displacement, earth, iron, potentials, u, s):
-    """Residuals (K,) uT m of strides."""
     pose = np.zeros((len(u), 4, 4))
     pose[:, :3, :3] = nav_R_body
     states = [np.array([state_of(phi, earth, iron) for phi in column]) for column in potentials.T]

@@ -31,7 +31,6 @@ PERIOD = 0.01
 
 
 def swinging(rng, samples=300, size=4.0):
-    """Rates (T, 3) rad/s of a sensor that swings about all its axes."""
     t = PERIOD * np.arange(samples)
     rates = np.zeros((samples, 3))
     for frequency in (0.6, 1.1, 1.9):

@@ -40,7 +40,6 @@ def standing(rotvec, position=(0.0, 0.0, 0.0)) -> gtsam.Pose3:
 
 
 def stance(body_velocity, settling, sigma=np.ones(3), sinks_per_m=0.0):
-    """The factor of one stance."""
     velocity = StanceVelocity(body_velocity, settling, sigma, np.array(sinks_per_m))
     return factor_of(velocity, [X(0), V(0), S(0)])
 

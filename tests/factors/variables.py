@@ -14,7 +14,6 @@ def pose(nav_R_body, position=(0.0, 0.0, 0.0)):
 
 
 def values_of(variables):
-    """Values from {key: Pose3, bias or vector}."""
     values = gtsam.Values()
     for key, variable in variables.items():
         values.insert(key, variable)
@@ -27,21 +26,18 @@ def residual(factor, values):
 
 
 def moved(values, key, step):
-    """Values with one variable a tangent-space step away."""
     steps = gtsam.VectorValues()
     steps.insert(key, np.asarray(step, dtype=float))
     return values.retract(steps)
 
 
 def jacobians(factor, values):
-    """Whitened Jacobian of each key, as the factor states it."""
     A, _ = factor.linearize(values).jacobian()
     widths = [values.dims()[key] for key in list(factor.keys())]
     return dict(zip(factor.keys(), np.split(A, np.cumsum(widths)[:-1], axis=1), strict=True))
 
 
 def differences(factor, values):
-    """Whitened Jacobian of each key, by central differences of the residual."""
     return {
         key: np.transpose(
             [
@@ -55,7 +51,6 @@ def differences(factor, values):
 
 
 def assert_jacobians_are_derivatives(factor, values, atol=1e-7):
-    """Compare the two."""
     stated, numeric = jacobians(factor, values), differences(factor, values)
     for key, H in stated.items():
         np.testing.assert_allclose(H, numeric[key], atol=atol, err_msg=gtsam.DefaultKeyFormatter(key))

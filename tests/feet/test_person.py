@@ -5,7 +5,6 @@ import pytest
 
 from fg_nav.feet import Side
 from fg_nav.feet.person import trace_person
-from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.solution import Solution, StanceTable
 from tests.feet.walks import truth_of
 
@@ -62,16 +61,6 @@ def test_what_the_feet_differ_by_is_known_between_the_times_it_is_given_for_in_a
     person = trace_person(*feet, t, size[:, None, None] * np.eye(4))
     expected = 1.0 + 0.25 * np.interp(person.stances.t, [10.0, 30.0, 50.0], [1.0, 5.0, 1.0])
     np.testing.assert_allclose(person.stances.position_cov[:, 2, 2], expected)
-
-
-def test_the_person_looks_where_the_person_walks() -> None:
-    person = trace(WHOLE, WHOLE)
-    later = np.interp(np.stack([person.t - 1.0, person.t + 1.0]), person.t, np.arange(len(person.t))).astype(int)
-    way = (person.position[later[1]] - person.position[later[0]])[:, :2]
-    walks = np.hypot(*way.T) > 2.0
-    assert walks.mean() > 0.4
-    off = compute_heading(person.nav_R_body) - np.arctan2(way[:, 0], way[:, 1])
-    assert np.degrees(np.quantile(np.abs(wrap_angle(off[walks])), 0.9)) < 25.0
 
 
 def test_where_neither_was_recorded_nothing_is_made_up() -> None:

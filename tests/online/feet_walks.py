@@ -17,7 +17,6 @@ BLOCK_S = 0.2
 
 
 def heads_known(use_field: bool = False) -> OnlineOptions:
-    """Options with the left sensor's heading."""
     return OnlineOptions(heading_rad=feet()["left"].heading, use_field=use_field)
 
 

@@ -41,7 +41,6 @@ def walked() -> tuple[list[FeetLine], FeetWalk]:
 
 
 def contents(found: list[FeetLine], kind: type | tuple[type, ...], foot: str = "") -> list:
-    """What lines of a kind say, of a foot or of all."""
     return [one.content for one in found if isinstance(one.content, kind) and foot in (one.foot, "")]
 
 
@@ -50,7 +49,6 @@ def states(found: list[FeetLine]) -> list[tuple[str, str]]:
 
 
 def texts(found: list[FeetLine]) -> list:
-    """The lines of the left foot."""
     return [
         format_estimate(one, False) if isinstance(one, StanceEstimate) else list(format_revision(one))
         for one in contents(found, (StanceEstimate, Revision), "left")

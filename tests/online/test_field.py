@@ -200,7 +200,6 @@ LATE_S = 0.022
 
 @cache
 def late_walk() -> np.ndarray:
-    """Rows of twenty-seven seconds at 100 Hz."""
     return rows_of(replace(minute(5, LATE_S, rate_hz=100.0), truth=None).slice(0, 2700))
 
 

@@ -33,18 +33,6 @@ from tests.online.walks import (
 from tests.smoother.test_fixes import demo, errors, fixes_at, truth_from_start, with_fixes
 
 
-def test_each_footfall_is_returned_once_and_in_order():
-    navigator, found = whole_walk()
-    assert [e.number for e in found] == list(range(len(found)))
-    assert (np.diff([e.t for e in found]) > 0).all()
-    new = sum(not f.continues for f in navigator.footfalls)
-    assert new == detect_stances(short_walk()).n_footfalls
-    for estimate in found:
-        assert np.isfinite(estimate.position).all()
-        assert (np.linalg.eigvalsh(estimate.pose_cov) > 0).all()
-    assert np.array_equal(navigator.causal().position, [e.position for e in found])
-
-
 @pytest.mark.parametrize("seed", [None, 1])
 def test_blocks_do_not_matter(seed):
     rows, rng = rows_of(short_walk()), np.random.default_rng(seed)
@@ -208,7 +196,6 @@ TURN_DEG = 40.0
 
 @cache
 def through_fixes(heading: float | None, turn_deg: float):
-    """The navigator of a walk with two fixes, and what it told."""
     options = OnlineOptions(heading_rad=heading, use_field=False, fixes=tuple(fixes(turn_deg)))
     rows = rows_of(demo().recording)
     return walked(rows, options, cuts=range(64, len(rows), 64))

@@ -46,7 +46,6 @@ def windows(monkeypatch):
 
 @cache
 def in_windows(with_field: bool, lag_s: float | None) -> OnlineSmoother:
-    """A walk under `windows`."""
     return fed(in_field() if with_field else demo(), OnlineOptions(lag_s=lag_s))
 
 

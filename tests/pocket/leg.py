@@ -82,7 +82,6 @@ def start_of(leg, offset=0.0, tilt_sigma=0.01):
 
 
 def error_deg_s(track, bias=BIAS):
-    """Error (3,) of the bias at the end, deg/s."""
     return np.degrees(track.gyro_bias[-1] - bias)
 
 

@@ -21,7 +21,6 @@ def turned_track(drift_deg_s=0.0, deviation=0.0, seed=0):
 
 
 def errors_deg(track, attitude):
-    """Turn (N,) deg, counter-clockwise, of a track from the truth."""
     off = track.nav_R_body @ np.swapaxes(attitude, 1, 2)
     return np.degrees(np.arctan2(off[:, 1, 0], off[:, 0, 0]))
 

@@ -199,7 +199,6 @@ def test_online_knows_nothing_of_what_comes_later_and_in_the_end_what_the_batch_
 
 
 def push(online, rows, pieces):
-    """The estimate after each piece of the rows, with its last row."""
     found = []
     for piece in pieces:
         online.push(rows[piece])

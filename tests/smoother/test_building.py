@@ -63,19 +63,6 @@ def track(position: Floats, drift_deg: float = 5.0):
     return course, building.track_directions(course, np.ones(len(course)), at, float(np.radians(drift_deg)))
 
 
-def test_displacements_share_no_stride_and_lie_within_straight_stretches() -> None:
-    position = path_of(rounds(4, 13), 0.02)
-    pairs = building.list_displacements(position)
-    assert (np.diff(pairs, axis=1) == building.STRIDES).all()
-    assert (pairs[1:, 0] >= pairs[:-1, 1]).all()
-    assert len(pairs) == 8
-    for first, last in pairs:
-        along = position[last, :2] - position[first, :2]
-        apart = position[first : last + 1, :2] - position[first, :2]
-        off = np.abs(apart[:, 0] * along[1] - apart[:, 1] * along[0]) / np.linalg.norm(along)
-        assert off.max() <= building.STRAIGHT_WITHIN_M
-
-
 @pytest.mark.parametrize("alpha_deg", [0.0, 30.0, 44.9, 70.0])
 def test_directions_are_found_wherever_they_lie(alpha_deg: float) -> None:
     position = path_of(rounds(8, 20), 0.05) @ yaw_rotation(np.radians(alpha_deg)).T

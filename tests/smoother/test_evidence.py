@@ -100,7 +100,6 @@ GIVEN = replace(DEFAULT, choose_swing_noise=False, gyr_relative_density=1e-4, gy
 
 
 def walking(walk: Walk, density: float) -> Walk:
-    """The walk with a gyro bias that walks besides, deg/s/sqrt(s)."""
     r = walk.recording
     steps = np.random.default_rng(0).standard_normal(r.gyr.shape) * np.sqrt(r.period_s)
     return Walk(replace(r, gyr=r.gyr + np.radians(density) * np.cumsum(steps, axis=0)), walk.stances)

@@ -72,7 +72,6 @@ class Walked:
         self.factors = field_factors.FieldFactors(self.readings, self.path, first, rough, p)
 
     def values(self) -> gtsam.Values:
-        """The truth."""
         states = zip(self.nav_R_body, self.position, strict=True)
         values = values_of({X(2 * k): pose(R, at) for k, (R, at) in enumerate(states)})
         self.factors.insert(values)
@@ -98,7 +97,6 @@ class Walked:
 
 
 def tail(x: float) -> float:
-    """Cauchy's loss of the compass at so many sigmas."""
     return 0.5 * TAIL_SIGMAS**2 * float(np.log1p((x / TAIL_SIGMAS) ** 2))
 
 

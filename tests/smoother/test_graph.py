@@ -1,7 +1,5 @@
 """Dead reckoning that stops at every node: near enough for Gauss-Newton."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -88,9 +86,8 @@ def moved(truth, seed: int):
     return p + shift, v + kick, R @ turn
 
 
-def dense(recording: Recording, states, gyro_bias: np.ndarray = np.zeros(3), acc_bias: np.ndarray = np.zeros(3)):
-    biases = [np.tile(bias, (len(SAMPLE), 1)) for bias in (gyro_bias, acc_bias)]
-    return dense_trajectory(recording, SAMPLE, *states, *biases, GRAVITY_M_S2)
+def dense(recording: Recording, states):
+    return dense_trajectory(recording, SAMPLE, *states, *np.zeros((2, len(SAMPLE), 3)), GRAVITY_M_S2)
 
 
 def test_it_passes_through_every_node_and_velocity_is_the_derivative_of_position(recording: Recording, truth) -> None:
@@ -104,15 +101,6 @@ def test_it_passes_through_every_node_and_velocity_is_the_derivative_of_position
     missing[150] = 0.0  # two nodes a period apart, 2 cm from where they should be: nothing lies between
     assert np.linalg.norm(missing, axis=1).max() < 0.006
     assert np.linalg.norm(v, axis=1).max() > 4.0
-
-
-def test_biases_are_taken_off(recording: Recording, truth) -> None:
-    """But for the hundredths of a millimetre by which a bias changes coning and sculling."""
-    gyro, acc = np.array([0.01, -0.02, 0.03]), np.array([0.1, 0.2, -0.3])
-    biased = replace(recording, acc=recording.acc + acc, gyr=recording.gyr + gyro)
-    found = dense(biased, [states[SAMPLE] for states in truth], gyro, acc)
-    for integrated, dense_states in zip(truth, found, strict=True):
-        np.testing.assert_allclose(dense_states, integrated, atol=5e-5)
 
 
 def test_corrections_are_smooth(recording: Recording, truth) -> None:

@@ -25,7 +25,6 @@ from fg_nav.smoother.field import (
     SHARES_PRIOR,
     UT_M_PER_AMPERE,
     FieldSolution,
-    PathNoise,
     average_path_noise,
     compute_jump_statistic,
     describe_jumps,
@@ -82,7 +81,7 @@ def integrate_frame(seed: int, first: int, last: int, found: FieldSolution) -> f
     return float((0.5 * (field[1:] + field[:-1]) * np.diff(path, axis=0)).sum())
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, 1])
 def test_a_circuit_is_found_where_it_is_passed_with_what_its_current_adds_there(seed: int) -> None:
     """Over three strides: four fifths of mu_0 I. What the frame does further off is within the potential's bounds."""
     found, strides = solved_in(seed, (0.4, CURRENT_A))
@@ -96,7 +95,7 @@ def test_a_circuit_is_found_where_it_is_passed_with_what_its_current_adds_there(
 
 
 @pytest.mark.parametrize("rough", [True, False], ids=["rough", "smooth"])
-@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+@pytest.mark.parametrize("seed", [0, 1, 2])
 def test_no_jump_is_found_over_a_clean_floor(seed: int, rough: bool) -> None:
     found, _ = solved_in(seed, rough=rough)
     assert not list_jumps(found.problem, found.solved)
@@ -130,17 +129,6 @@ def with_integrals(field: FieldFactors, added: Floats) -> FieldFactors:
     """Factors of the field with so much added to the line integrals, all of whose changes telescope."""
     path = replace(field.path, u=field.path.u + added)
     return FieldFactors(field.readings, path, field.prior, field.rough, field.parameters, 0.0)
-
-
-@cache
-def noise_of(seed: int, drift_uT_m: float) -> PathNoise:
-    """Of the demonstration over a rough floor, its integrals with so much white noise a stride."""
-    found, _ = solved_in(seed)
-    problem = found.problem
-    bold = problem.get(FieldFactors).assume_lost_share(0.0)
-    noise = drift_uT_m * np.random.default_rng(seed).standard_normal(len(bold.path.u))
-    noisy = with_integrals(bold, noise)
-    return average_path_noise(set_field(problem, noisy), found.solved.values)
 
 
 def potentials(share: float, walked: Walked) -> multivariate_normal:
@@ -187,10 +175,13 @@ def test_evidence_is_that_of_the_density_of_the_integrals(true: float) -> None:
     assert find_share(walked, added) == pytest.approx(np.average(SHARES, weights=weights), rel=1e-3)
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, 1])
 def test_integrals_that_do_not_telescope_are_not_taken_for_those_that_do(seed: int) -> None:
-    """Of 3 uT m a stride in a field of 20 uT."""
-    assert noise_of(seed, 3.0).drift_m > 3.0 / 20.0
+    """White noise of 3 uT m a stride over a rough floor, in a field of 20 uT."""
+    problem = solved_in(seed)[0].problem
+    bold, values = problem.get(FieldFactors).assume_lost_share(0.0), solved_in(seed)[0].solved.values
+    noisy = with_integrals(bold, 3.0 * np.random.default_rng(seed).standard_normal(len(bold.path.u)))
+    assert average_path_noise(set_field(problem, noisy), values).drift_m > 3.0 / 20.0
 
 
 @pytest.mark.parametrize("seed", [0, 1])

@@ -45,7 +45,6 @@ def run(
     convergence: float = CONVERGENCE,
     largest_steps: int = 25,
 ) -> Solved:
-    """Solve a graph that is no walk."""
     return find_minimum(WalkSystem(graph, []), values, np.array(keys, dtype=np.uint64), convergence, largest_steps)
 
 

@@ -39,7 +39,6 @@ def replace_field(p: SmootherParameters = DEFAULT, **changes: object) -> Smoothe
 
 
 def ordering_of(keys: Iterable[int]) -> gtsam.Ordering:
-    """An order of elimination, for gtsam."""
     ordering = gtsam.Ordering()
     for key in keys:
         ordering.push_back(int(key))
@@ -60,7 +59,6 @@ def demo(seed: int = 0, rate_hz: float = 200.0) -> Walk:
 
 @cache
 def smoothed(seed: int = 0, p: SmootherParameters = DEFAULT, rate_hz: float = 200.0) -> Solution:
-    """The demonstration, smoothed by its strides alone."""
     walk = demo(seed, rate_hz)
     return smooth(walk.recording, walk.stances, p)
 
@@ -74,7 +72,6 @@ def dense_root(problem: WalkProblem, values: gtsam.Values) -> tuple[Floats, Floa
 
 
 def find_columns(problem: WalkProblem) -> dict[int, slice]:
-    """Columns of each variable in the matrices of `dense_root`."""
     ends = np.cumsum([0, *map(dimension_of, problem.time_order.tolist())]).tolist()
     return {key: slice(*of) for key, of in zip(problem.time_order.tolist(), pairwise(ends), strict=True)}
 
@@ -127,11 +124,9 @@ def part(walk: Walk, footfalls: int) -> Walk:
 
 
 def degrees_between(R: Floats, Q: Floats) -> Floats:
-    """Angles (M,) between attitudes (M, 3, 3)."""
     return np.degrees(Rotation.from_matrix(np.swapaxes(R, 1, 2) @ Q).magnitude())
 
 
 def track_of(problem: WalkProblem, values: gtsam.Values | None = None) -> Trajectory:
-    """Trajectory of a walk at these values, or at those of the problem."""
     at = problem.values if values is None else values
     return trajectory_of(problem.recording, problem.nodes, at, problem.parameters.gravity)

@@ -61,7 +61,6 @@ def seen(recording: Recording | None = None, stances: Stances | None = None, **t
 
 
 def sign(observed: WalkSigns, words: str) -> Reason:
-    """The sign of foot or path with these words."""
     signs: Iterator[Reason | None] = iter([*list_foot_signs(observed), *list_path_signs(observed)])
     return next(reason for reason in signs if reason is not None and words in reason.words)
 
@@ -71,7 +70,6 @@ def samples(**changed: np.ndarray) -> Recording:
 
 
 def keep(stances: Stances, footfalls: np.ndarray) -> Stances:
-    """The stances of these footfalls alone, numbered anew."""
     kept = np.isin(stances.footfall, footfalls)
     numbers = np.unique(stances.footfall[kept], return_inverse=True)[1]
     return replace(stances, start=stances.start[kept], stop=stances.stop[kept], footfall=numbers)
