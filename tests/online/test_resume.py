@@ -131,9 +131,9 @@ def whole(data, tmp_path_factory):
 
 
 @pytest.mark.parametrize("goes_on", [False, True], ids=["the source begins again", "the source goes on"])
-def test_killed_at_twenty_bytes_no_line_is_lost_or_given_twice(data, whole, tmp_path, monkeypatch, goes_on):
+def test_killed_at_ten_bytes_no_line_is_lost_or_given_twice(data, whole, tmp_path, monkeypatch, goes_on):
     path = tmp_path / "record.csv"
-    navigator, given = walk_killed(path, monkeypatch, data, FOOT, 20, goes_on)
+    navigator, given = walk_killed(path, monkeypatch, data, FOOT, 10, goes_on)
     check_lines(given, whole[2])
     assert measure_end(navigator, whole[1]) < 0.1
     # The record is what a walk that is not killed leaves.
