@@ -18,27 +18,26 @@ from fg_nav.factors.differential_field import (
 from fg_nav.factors.residual import Array
 from fg_nav.factors.rotation import relative_rotations
 
-RATE_HZ, SAMPLES = 100.0, 50
+RATE_HZ, SAMPLES, STRETCHES = 100.0, 50, 40
 EARTH = np.array([5.0, 20.0, -43.0])
 BIAS = np.radians([0.4, -0.3, 0.6])
 NO_IRON = Iron.unknown(1e-3)
 NOISE = FieldNoise(Variogram(1e-6, 1.0, 1.0), 0.3, NO_IRON)  # White, and nothing else.
 
 
-def rocking(seed: int, stretches: int = 40, amplitude_rad_s: float = 0.15) -> tuple[Array, Array]:
+def rocking(seed: int, amplitude_rad_s: float = 0.15) -> tuple[Array, Array]:
     """True rates (T, 3) rad/s of a foot that rocks about all its axes, and the stretch (T,) of each sample."""
     rng = np.random.default_rng(seed)
     t = np.arange(SAMPLES) / RATE_HZ
-    phase, cycles = rng.uniform(0.0, 2.0 * np.pi, (2, stretches, 3, 1))
+    phase, cycles = rng.uniform(0.0, 2.0 * np.pi, (2, STRETCHES, 3, 1))
     rate = amplitude_rad_s * np.sin(2.0 * np.pi * (0.5 + 0.3 * cycles) * t + phase)
-    return np.swapaxes(rate, 1, 2).reshape(-1, 3), np.repeat(np.arange(stretches), SAMPLES)
+    return np.swapaxes(rate, 1, 2).reshape(-1, 3), np.repeat(np.arange(STRETCHES), SAMPLES)
 
 
 def measured(
     seed: int,
     white_uT: float = 0.3,
-    field: Array = EARTH,
-    drift: Array | None = None,
+    drift: Array = np.zeros(3),
     iron: Array = np.zeros(3),
     bias: Array = BIAS,
     about: Array = np.zeros(3),
@@ -50,7 +49,7 @@ def measured(
     period = np.full(len(rate), 1.0 / RATE_HZ)
     true, _ = relative_rotations(rate, period, stretch, np.zeros(3))
     nav_R_first = Rotation.random(stretch[-1] + 1, rng=rng).as_matrix()
-    there = field + (np.zeros((len(rate), 3)) if drift is None else drift)
+    there = np.broadcast_to(EARTH + drift, (len(rate), 3))
     y = np.einsum("tji,tj->ti", nav_R_first[stretch] @ true, there) + iron + rng.normal(0.0, white_uT, (len(rate), 3))
     about = np.broadcast_to(about, (stretch[-1] + 1, 3))
     rotation, jacobian = relative_rotations(rate + bias, period, stretch, np.ascontiguousarray(about))
@@ -162,10 +161,10 @@ def find_walk_iron(seen: FieldStretches) -> Iron:
 # ------------------------------------------------------------------------------------------------------- information
 
 
-def random_information(seed: int, count: int = 5) -> BiasInformation:
+def random_information(seed: int) -> BiasInformation:
     rng = np.random.default_rng(seed)
-    root = rng.normal(size=(count, 3, 3)) * 1e3
-    return BiasInformation(np.swapaxes(root, 1, 2) @ root, rng.normal(size=(count, 3)) * 1e4)
+    root = rng.normal(size=(5, 3, 3)) * 1e3
+    return BiasInformation(np.swapaxes(root, 1, 2) @ root, rng.normal(size=(5, 3)) * 1e4)
 
 
 def test_a_common_error_limits_what_is_known_and_keeps_the_mean() -> None:

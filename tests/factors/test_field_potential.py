@@ -48,11 +48,10 @@ def walking(t, courses):
     ), position
 
 
-def recorded(field, courses, rate=100.0, iron=HARD_IRON, noise=0.0, seed=0):
+def recorded(field, courses, rate=100.0, iron=HARD_IRON):
     t = np.arange(0.0, STRIDE_S * len(courses) + 0.5, 1.0 / rate)
     R, p = walking(t, courses)
-    y = np.einsum("nba,nb->na", R, field.at(p)) + iron
-    return t, R, p, y + np.random.default_rng(seed).normal(0.0, noise, y.shape)
+    return t, R, p, np.einsum("nba,nb->na", R, field.at(p)) + iron
 
 
 def straight_integral(field, a, b):
@@ -60,22 +59,17 @@ def straight_integral(field, a, b):
     return quad_vec(along, 0.0, 1.0, epsabs=1e-7)[0]
 
 
-def integrals(walk, strides, **options):
+def integrals(walk, strides):
     """What `integrate_field` makes of each stride: u and s."""
-    found = integrate_field(*walk, footfalls(strides), **options)
+    found = integrate_field(*walk, footfalls(strides))
     return np.diff(found.u), np.diff(found.s, axis=0)
-
-
-def state_of(phi=0.0, earth=(0.0, 0.0), iron=np.zeros(3)):
-    m = np.zeros(SIZE)
-    m[PHI], m[EAST], m[NORTH], m[IRON] = phi, *earth, iron
-    return m
 
 
 def residual_of(nav_R_body, displacement, earth, iron, potentials, u, s):
     pose = np.zeros((len(u), 4, 4))
     pose[:, :3, :3] = nav_R_body
-    states = [np.array([state_of(phi, earth, iron) for phi in column]) for column in potentials.T]
+    states = np.zeros((2, len(u), SIZE))
+    states[..., PHI], states[..., EAST : NORTH + 1], states[..., IRON] = potentials.T, earth, iron
     stride = FieldPotential(u, s, np.zeros((len(u), 3)), displacement, nav_R_body, np.ones(len(u)))
     return stride.evaluate([pose, *states], False)[0][:, 0]
 

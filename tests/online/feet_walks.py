@@ -16,8 +16,8 @@ from tests.feet.walks import demo_feet, feet
 BLOCK_S = 0.2
 
 
-def heads_known(use_field: bool = False) -> OnlineOptions:
-    return OnlineOptions(heading_rad=feet()["left"].heading, use_field=use_field)
+def heads_known() -> OnlineOptions:
+    return OnlineOptions(heading_rad=feet()["left"].heading, use_field=False)
 
 
 def list_blocks(keep: Callable[[Side, float], bool]) -> Iterator[tuple[Side, Floats]]:

@@ -38,11 +38,9 @@ from tests.simulated import corridor
 from tests.smoother.test_fixes import demo, errors, fixes_at, truth_from_start, with_fixes
 
 
-@pytest.mark.parametrize("seed", [None, 1])
-def test_blocks_do_not_matter(seed):
-    rows, rng = rows_of(short_walk()), np.random.default_rng(seed)
-    cuts = range(1, len(rows)) if seed is None else np.sort(rng.integers(0, len(rows), rng.integers(1, 300)))
-    navigator, _ = walked(rows, cuts=cuts)
+def test_blocks_do_not_matter():
+    rows = rows_of(short_walk())
+    navigator, _ = walked(rows, cuts=range(1, len(rows)))
     assert worst_difference(navigator.causal(), whole_walk()[0].causal()) < 1e-9
     assert worst_difference(navigator.smoothed(), whole_walk()[0].smoothed()) < 1e-9
 

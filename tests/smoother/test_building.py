@@ -40,12 +40,12 @@ STRIDE_M = 1.4
 WITH = replace(DEFAULT, walk=WalkParameters(directions=True))
 
 
-def path_of(turn: Floats, weave_m: float = 0.0, seed: int = 0) -> Floats:
+def path_of(turn: Floats, weave_m: float) -> Floats:
     """Footfalls (F, 3) of a foot that turns by `turn` (F-1,) rad before its strides."""
     course = np.cumsum(turn)
     steps = STRIDE_M * np.stack([np.cos(course), np.sin(course), 0 * course], axis=1)
     place = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
-    place[:, :2] += weave_m * np.random.default_rng(seed).standard_normal((len(place), 2))
+    place[:, :2] += weave_m * np.random.default_rng(0).standard_normal((len(place), 2))
     return place
 
 

@@ -13,16 +13,12 @@ from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
 from fg_nav.factors import guarded_factor
 from fg_nav.frames import compute_heading, yaw_rotation
-from fg_nav.magnetic import FootfallField, average_footfall_field
-from fg_nav.recording import Recording
+from fg_nav.magnetic import average_footfall_field
 from fg_nav.smoother import ExtraFactors, GraphNodes, SmoothedWalk, smooth, smooth_graph
 from fg_nav.smoother.constraints import FIX_SPEED_M_S, KnownTies, pin_to_times, select_reached_fixes
-from fg_nav.smoother.parameters import WalkParameters
 from fg_nav.solution import Solution
 from fg_nav.truth import Fix
 from tests.smoother.walks import DEFAULT, Walk, demo, part, smoothed
-
-P = WalkParameters()
 
 
 def inertial() -> Solution:
@@ -47,18 +43,8 @@ def fixes_at(
     return [Fix(float(table.t[k]), place[table.sample[k]], sigma, vertical) for k in footfalls]
 
 
-def with_fixes(
-    fixes: Sequence[Fix], heading: float | None = None, field: FootfallField | None = None, p: WalkParameters = P
-) -> Solution:
-    recording = demo().recording if field is None else with_field(demo().recording)
-    return smooth(recording, demo().stances, replace(DEFAULT, walk=p), heading, field=field, fixes=fixes)
-
-
-def with_field(recording: Recording) -> Recording:
-    """In a homogeneous field that points to the true north of the truth's own frame."""
-    rng = np.random.default_rng(0)
-    field = recording.truth.nav_R_body.transpose(0, 2, 1) @ np.array([0.0, 20.0, -43.0])
-    return replace(recording, mag=field + rng.normal(0, 0.3, field.shape))
+def with_fixes(fixes: Sequence[Fix], heading: float | None = None) -> Solution:
+    return smooth(demo().recording, demo().stances, DEFAULT, heading, fixes=fixes)
 
 
 def errors(found: Solution, turn_deg: float = 0.0) -> Floats:
@@ -109,7 +95,9 @@ def test_where_fixes_show_north_the_direction_of_the_field_is_found() -> None:
     Not all: before the walk compass and fixes have the same north to within 2 deg.
     """
     west_deg = 1.5
-    walk = with_field(demo().recording)
+    mag = demo().recording.truth.nav_R_body.transpose(0, 2, 1) @ np.array([0.0, 20.0, -43.0])
+    mag += np.random.default_rng(0).normal(0, 0.3, mag.shape)
+    walk = replace(demo().recording, mag=mag)
     field = average_footfall_field(walk, demo().stances)
     table, turn = inertial().stances, yaw_rotation(np.radians(west_deg))
     place = (walk.truth.position - walk.truth.position[table.sample[0]])[table.sample] @ turn.T

@@ -250,12 +250,6 @@ NOISE = np.kron([[1.0, 0.2], [0.2, 2.0]], [[4.0, 1.0, 0.0], [1.0, 9.0, -1.0], [0
 """Covariance (6, 6) of what a walk shows of the errors of its halves."""
 
 
-def average_shown(shown: Floats, noise: Floats = NOISE) -> sensitivity.GyroScale:
-    """Average over the models, by errors (6,) that a walk shows with this noise."""
-    information = np.linalg.inv(noise)
-    return sensitivity.average_models(information, information @ shown)
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_evidence_of_the_three_models_is_that_of_multivariate_normals(seed: int) -> None:
     """So are the mean and the second moment, by the gains of normal variables."""
@@ -267,7 +261,8 @@ def test_evidence_of_the_three_models_is_that_of_multivariate_normals(seed: int)
     gains = [prior @ np.linalg.inv(prior + NOISE) for prior in priors()]
     means = np.array([half @ gain @ shown for gain in gains])
     left = [half @ (prior - gain @ prior) @ half.T for gain, prior in zip(gains, priors(), strict=True)]
-    found = average_shown(shown)
+    information = np.linalg.inv(NOISE)
+    found = sensitivity.average_models(information, information @ shown)
     assert found.probability == pytest.approx(weight[1], rel=1e-6)
     np.testing.assert_allclose(found.scale, weight[1] * means[1], atol=1e-9)
     np.testing.assert_allclose(found.sigma, np.sqrt(np.diag(left[1])), rtol=1e-6)

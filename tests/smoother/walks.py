@@ -84,9 +84,9 @@ def dense_log_evidence(problem: WalkProblem, values: gtsam.Values) -> float:
 
 
 @cache
-def noise_free(person: Person = QUIET, seed: int = 0, rate_hz: float = 200.0) -> Walk:
+def noise_free(person: Person = QUIET, rate_hz: float = 200.0) -> Walk:
     """The same walk as a perfect sensor has it."""
-    return _detected(corridor(person, sensor=IDEAL, seed=seed, rate_hz=rate_hz).recording)
+    return _detected(corridor(person, sensor=IDEAL, rate_hz=rate_hz).recording)
 
 
 def _detected(recording: Recording) -> Walk:
