@@ -127,23 +127,6 @@ def test_fixes_and_own_factors_join_the_nearest_node_within_reach_and_their_sigm
         nodes.at(float(nodes.t[-1]) + 1.51)
 
 
-@pytest.mark.parametrize(
-    ("fix", "words"),
-    [
-        (Fix(-100.0, np.zeros(3), 1.0), "outside the walk"),
-        (Fix(1000.0, np.zeros(3), 1.0), "outside the walk"),
-        (Fix(np.nan, np.zeros(3), 1.0), "outside the walk"),
-        (Fix(5.0, np.full(3, np.nan), 1.0), "finite position and sigmas above zero"),
-        (Fix(5.0, np.zeros(3), 0.0), "finite position and sigmas above zero"),
-        (Fix(5.0, np.zeros(3), 1.0, -1.0), "finite position and sigmas above zero"),
-    ],
-)
-def test_a_fix_outside_the_walk_or_without_place_or_sigma_is_refused(fix: Fix, words: str) -> None:
-    with pytest.raises(EstimationError, match=words) as caught:
-        with_fixes([fix])
-    assert str(caught.value).count(". ") == 0
-
-
 # --- places known from an earlier walk
 
 
@@ -286,7 +269,17 @@ REFUSED: dict[str, Callable[[GraphNodes], object]] = {
 }
 
 
-def test_what_cannot_join_is_refused() -> None:
-    for words, extra in REFUSED.items():
-        with pytest.raises(EstimationError, match=words):
-            join(extra)  # type: ignore[arg-type]
+def test_what_cannot_join_is_refused_in_a_sentence() -> None:
+    fix, walk = Fix(5.0, np.zeros(3), 1.0), part(demo(), FOOTFALLS)
+    outside = [replace(fix, time_s=t) for t in (-100.0, 1000.0, np.nan)]
+    odd = [replace(fix, position=NOWHERE), replace(fix, horizontal_sigma_m=0.0), replace(fix, vertical_sigma_m=-1.0)]
+    field = average_footfall_field(replace(walk.recording, mag=walk.recording.acc), walk.stances)
+    for words, given in (
+        *((words, {"extra": extra}) for words, extra in REFUSED.items()),
+        *(("outside the walk", {"fixes": [one]}) for one in outside),
+        *(("finite position and sigmas above zero", {"fixes": [one]}) for one in odd),
+        ("no magnetometer", {"field": field}),
+    ):
+        with pytest.raises(EstimationError, match=words) as caught:
+            smooth_graph(walk.recording, walk.stances, DEFAULT, 0.0, **given)
+        assert ". " not in str(caught.value)
