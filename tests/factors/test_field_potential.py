@@ -105,19 +105,6 @@ def test_between_its_ends_lie_the_earth_and_a_difference_of_potentials():
     assert np.abs(other_sign).max() > 2.0
 
 
-def test_a_heading_that_drifts_is_of_no_consequence_and_a_tilt_is():
-    """The trajectory's steps turn as its attitude does; a tilt of 1 deg lays the vertical field along the path."""
-    t, R, p, y = recorded(EARTH, [0.0, 0.5, 1.0], iron=np.zeros(3))
-    drift = rotation_exp(np.radians(2.0) * t[:, None] * np.array([0.0, 0.0, 1.0]))
-    middle = rotation_exp(np.radians(2.0) * (t[:-1, None] + 0.005) * np.array([0.0, 0.0, 1.0]))
-    drifted = np.vstack([np.zeros(3), np.cumsum(np.einsum("nab,nb->na", middle, np.diff(p, axis=0)), axis=0)])
-    right = integrals((t, R, p, y), 3)[0]
-    np.testing.assert_allclose(integrals((t, drift @ R, drifted, y), 3)[0], right, atol=1e-3)
-    nods = rotation_exp(np.radians(1.0) * np.array([0.0, 1.0, 0.0]))
-    off = integrals((t, nods @ R, p, y), 3)[0] - right
-    assert off[0] == pytest.approx(np.radians(1.0) * EARTH.vector[2] * STRIDE_M, rel=0.02)
-
-
 def test_a_loop_sums_to_nothing_unless_a_current_passes_through_it():
     square = np.repeat([0.0, np.pi / 2, np.pi, -np.pi / 2], 3)
     assert np.linalg.norm(np.diff(walking(footfalls(12), square)[1][[0, -1]], axis=0)) < 1e-9

@@ -60,19 +60,6 @@ def test_rotations_are_integrated_sample_by_sample_and_their_bias_jacobians_are_
         np.testing.assert_allclose(J[:, :, k], turn, atol=1e-7)
 
 
-def test_stretches_together_are_each_by_itself():
-    rng = np.random.default_rng(2)
-    segment = np.repeat(np.arange(4), [40, 1, 7, 100])
-    rates, bias = swinging(rng, len(segment)) + BIAS, rng.normal(0.0, 0.01, (4, 3))
-    R, J = relative_rotations(rates, np.full(len(segment), PERIOD), segment, bias)
-    for s in range(4):
-        mine = segment == s
-        none, count = np.zeros(mine.sum(), dtype=np.int64), int(mine.sum())
-        alone, by_bias = relative_rotations(rates[mine], np.full(count, PERIOD), none, bias[s])
-        np.testing.assert_allclose(R[mine], alone, atol=1e-12)
-        np.testing.assert_allclose(J[mine], by_bias, atol=1e-10)
-
-
 @given(level=vectors, turn=vectors)
 @settings(max_examples=20, deadline=None)
 def test_the_turn_from_a_held_attitude_and_its_derivative(level, turn):

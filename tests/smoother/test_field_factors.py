@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_normal
 
 from fg_nav.arrays import Floats
-from fg_nav.factors.magnetic_field import DELTA, IRON, PHI, REGION, SIZE, TAIL_SIGMAS, FieldPrior
+from fg_nav.factors.magnetic_field import DELTA, PHI, REGION, SIZE, TAIL_SIGMAS, FieldPrior
 from fg_nav.factors.residual import Stack
 from fg_nav.frames import compute_heading, yaw_rotation
 from fg_nav.lab.simulation.fields import Circuit, Sum, draw_environment
@@ -156,22 +156,6 @@ def test_states_are_processes_of_their_roughness() -> None:
         expected = rough.sigma**2 * np.exp(-apart / rough.length_m)
         np.testing.assert_allclose(states[:, part, :, part], expected, rtol=1e-6)
     np.testing.assert_allclose(states[:, 2, :, 3], 0.0, atol=1e-9)
-
-
-def test_hard_iron_is_that_of_the_stance_s_axes() -> None:
-    walked, iron = Walked(count=3), np.array([0.2, -0.1, 5.0])
-    body_iron = walked.path.level_R_body.T @ iron
-    seen = replace(walked.readings, body_field=walked.readings.body_field + body_iron)
-    path = replace(walked.path, u=walked.path.u + walked.path.level_path @ iron)
-    factors = field_factors.FieldFactors(seen, path, FIRST, ROUGH, P)
-    values = walked.values()
-    assert error_of(factors, values) > 1.0
-    for k in range(3):
-        m = values.atVector(M(k)).copy()
-        m[IRON] = iron
-        values.update(M(k), m)
-    of_prior = 0.5 * float(((iron / FIRST.sigma[IRON]) ** 2).sum())
-    assert error_of(factors, values) == pytest.approx(of_prior, rel=1e-9)
 
 
 KNOWN = FieldPrior(FIRST.mean, np.full(SIZE, NEVER))  # The Earth's field and no iron: nothing is asked.

@@ -59,21 +59,6 @@ def along(trodden: Trodden, mag: Floats) -> field_factors.FieldPath:
     return field_factors.integrate_path(trodden.t, mag, *walked, EARTH[2])
 
 
-def moves(trodden: Trodden) -> Floats:
-    return np.diff(trodden.position[trodden.footfall], axis=0)
-
-
-def test_a_homogeneous_field_integrates_to_itself_times_the_move() -> None:
-    trodden = round_a_circle()
-    way = along(trodden, trodden.mag(EARTH))
-    np.testing.assert_allclose(way.u, moves(trodden)[:, :2] @ EARTH[:2], atol=1e-9)
-    assert np.ptp(way.u) > 40.0  # there and back
-    np.testing.assert_allclose(way.distance_m, np.linalg.norm(moves(trodden), axis=1))
-    in_body = np.einsum("nij,nj->ni", way.nav_R_level, way.body_move)
-    np.testing.assert_allclose(in_body, moves(trodden), atol=1e-12)
-    np.testing.assert_array_equal(way.sigma_uT_m, field_factors.PATH_SIGMA_UT_M)
-
-
 @pytest.mark.parametrize("angle", [0.3, -2.0, np.pi])
 def test_where_the_trajectory_heads_makes_no_difference(angle: float) -> None:
     trodden = round_a_circle()
