@@ -128,11 +128,10 @@ def test_a_field_that_drifts_is_not_taken_for_a_bias() -> None:
     assert np.mean(white) > 10.0
 
 
-@pytest.mark.parametrize("iron_uT", [5.0, 20.0])
-def test_iron_on_the_body_is_not_taken_for_a_bias(iron_uT: float) -> None:
+def test_iron_on_the_body_is_not_taken_for_a_bias() -> None:
     squares, ignored, of_iron, ratio = [], [], [], []
     for seed in range(40):
-        iron = np.random.default_rng(seed).normal(0.0, iron_uT, 3)
+        iron = np.random.default_rng(seed).normal(0.0, 20.0, 3)
         seen = measured(seed, iron=iron, amplitude_rad_s=0.4)
         found = find_walk_iron(seen)
         off = found.mean_uT - iron

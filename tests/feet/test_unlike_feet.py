@@ -69,12 +69,13 @@ def test_a_field_of_one_foot_is_for_both(side: str, heading_deg: float | None) -
 
 
 def test_who_runs_steps_in_turn_too() -> None:
-    feet = {side: replace(one.recording, mag=None) for side, one in simulate_feet("mixed-gait", 2).sides.items()}
+    """From the second half of the first minute on, for forty seconds."""
+    whole = {side: one.recording for side, one in simulate_feet("mixed-gait", 2).sides.items()}
+    feet = {side: replace(one, mag=None).slice(0, int(np.searchsorted(one.t, 105.0))) for side, one in whole.items()}
     result = navigate(feet, options=Options())
     assert result.pairing.cells > 10
-    assert result.pairing.width_m is not None
     assert result.pairing.width_m > 0.0
-    assert result.metrics.rmse_2d_m < 1.0
+    assert result.metrics.rmse_2d_m < 0.3
 
 
 @pytest.mark.parametrize(("side", "hole"), [("left", (8.0, 30.0)), ("right", (40.0, 60.0))])

@@ -244,9 +244,8 @@ def test_strides_without_footfalls_are_seen_between_and_at_the_ends() -> None:
     assert measure_time_without_footfall(seen(stances=keep(stances, np.array([0, 30, 59])))).weight > 2
 
 
-@pytest.mark.parametrize("bias_deg_s", [[0.0, 0.0, 0.0], [2.0, -3.2, 4.3]])
-def test_a_constant_bias_is_no_fault_of_whatever_size(bias_deg_s: list[float]) -> None:
-    assert judged(samples(gyr=demo().gyr + np.radians(bias_deg_s)), "smoother").word == "trusted"
+def test_a_constant_bias_is_no_fault_of_whatever_size() -> None:
+    assert judged(samples(gyr=demo().gyr + np.radians([2.0, -3.2, 4.3])), "smoother").word == "trusted"
 
 
 def test_a_bias_that_is_not_that_of_the_rests_turns_the_path() -> None:
