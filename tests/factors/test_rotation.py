@@ -49,13 +49,15 @@ def integrated(rates):
 @given(seed=st.integers(0, 999), size=st.sampled_from([0.0, 1.0, 10.0]))
 @settings(max_examples=10, deadline=None)
 def test_rotations_are_integrated_sample_by_sample_and_their_bias_jacobians_are_derivatives(seed, size):
-    rates, period, one = swinging(np.random.default_rng(seed), 70, size), np.full(70, PERIOD), np.zeros(70, dtype=int)
-    R, J = relative_rotations(rates + BIAS, period, one, BIAS)
-    np.testing.assert_allclose(R, integrated(rates), atol=1e-12)
-    np.testing.assert_array_equal(J[0], 0.0)
+    """Of each stretch by itself."""
+    rates, period, twice = swinging(np.random.default_rng(seed), 70, size), np.full(140, PERIOD), np.repeat([0, 1], 70)
+    both = np.concatenate([rates, rates]) + BIAS
+    R, J = relative_rotations(both, period, twice, BIAS)
+    np.testing.assert_allclose(R, np.tile(integrated(rates), (2, 1, 1)), atol=1e-12)
+    np.testing.assert_array_equal(J[[0, 70]], 0.0)
     h = 1e-4
     for k, d in enumerate(h * np.eye(3)):
-        there, back = (relative_rotations(rates + BIAS, period, one, BIAS + s * d)[0] for s in (1, -1))
+        there, back = (relative_rotations(both, period, twice, BIAS + s * d)[0] for s in (1, -1))
         turn = Rotation.from_matrix(np.swapaxes(back, 1, 2) @ there).as_rotvec() / (2 * h)
         np.testing.assert_allclose(J[:, :, k], turn, atol=1e-7)
 

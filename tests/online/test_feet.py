@@ -170,14 +170,6 @@ def late(by_s: float, since_s: float = 0.0):
     return change
 
 
-def test_a_clock_offset_is_taken_off() -> None:
-    navigator = FeetNavigator(heads_known(), clock_offset_s=-100.0)
-    people = contents(push_feet(navigator, lambda side, t: t < 20.0, late(100.0, -1.0)), PersonEstimate)
-    expected = contents(walked()[0], PersonEstimate)
-    assert [one.t for one in people] == pytest.approx([one.t for one in expected[: len(people)]])
-    assert len(people) > 5
-
-
 def test_clocks_that_do_not_fit_are_told_once_with_what_to_begin_again_with() -> None:
     """Half a second more than the offset that was given."""
     remarks: list[str] = []
