@@ -55,9 +55,8 @@ MAP_TITLE = "Where each detector takes the field for quasi-static, and at what s
 
 def plot_simulated_walk(walk: SimulatedWalk) -> Figure:
     """Draw the true path, the field on it, and the landmarks."""
-    truth = walk.recording.truth
-    assert isinstance(truth, TrajectoryTruth)
-    path = truth.position[charts.spread_rows(len(truth.position), MAX_PIECES)]
+    position = walk.truth.position
+    path = position[charts.spread_rows(len(position), MAX_PIECES)]
     strength = np.linalg.norm(walk.field.at(path + walk.origin), axis=1)
     low, high = path[:, :2].min(axis=0), path[:, :2].max(axis=0)
     margin = 0.06 * max(*(high - low).tolist(), 0.5)

@@ -118,11 +118,27 @@ class SimulatedWalk:
     drawn: dict[str, Any]  # The sensor as drawn and as switched on, for JSON.
     person: Person  # Who walked.
 
+    @property
+    def truth(self) -> TrajectoryTruth:
+        """The recording's."""
+        assert isinstance(self.recording.truth, TrajectoryTruth)
+        return self.recording.truth
+
+    @property
+    def attitude(self) -> Floats:
+        """True nav_R_body (N, 3, 3)."""
+        assert self.truth.nav_R_body is not None
+        return self.truth.nav_R_body
+
+    @property
+    def mag(self) -> Floats:
+        """The recording's field (N, 3) uT in the body frame, of a sensor with a magnetometer."""
+        assert self.recording.mag is not None
+        return self.recording.mag
+
     def nav_field(self, sample: Ints) -> Floats:
         """True field (F, 3) uT in nav where the sensor is at these samples (F,) of the recording."""
-        truth = self.recording.truth
-        assert isinstance(truth, TrajectoryTruth)
-        return self.field.at(truth.position[sample] + self.origin)
+        return self.field.at(self.truth.position[sample] + self.origin)
 
 
 def say_nothing(_: float) -> None:

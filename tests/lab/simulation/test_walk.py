@@ -258,9 +258,9 @@ REFUSED = [
     (Choices(site="48,11,2024-W18-3"), "is no place"),
     (Choices(site="48,11,2024-02-30"), "is no place"),
     (Choices(site="48,11,2024-05-01,noon"), "is no place"),
-    (Choices(worn="hand"), "worn at 'hand': choose one of heel, instep, pocket"),
-    (Choices(rests="some"), "rests cannot be 'some': choose one of still, rocking, none"),
-    (Choices(feet="cold"), "feet cannot be 'cold'"),
+    (Choices(worn="hand"), "no place to wear a sensor at 'hand': choose one of heel, instep, pocket"),
+    (Choices(rests="some"), "no kind of rests 'some': choose one of still, rocking, none"),
+    (Choices(feet="cold"), "no kind of feet 'cold'"),
     (Choices(worn="table"), "on a table goes nowhere"),
     (Choices(sensor="kvh-1750", calibrated=True), "kvh-1750 has no magnetometer to be calibrated"),
     (Choices(rate_hz=0.2), "for at least 20"),
@@ -332,11 +332,11 @@ FILES = {
 
 def test_a_scenario_of_a_file_and_what_no_file_may_say():
     text = 'rests = "none"\nlike = "office"\n' + COURSE + "rest_s = 9.0\n[sensor]\nrate_hz = 100\n"
-    scenario = parse_scenario("mine.toml", text)
+    scenario = parse_scenario("mine.toml", text.encode())
     assert (scenario.name, scenario.worn, scenario.prior.rate_hz, scenario.prior.units) == ("mine", "heel", 100.0, 8)
     assert simulate(scenario, 1).recording.duration_s < 60.0
     assert scenario.prior.gyr == preset("mpu-9250x8").gyr
     for wrong, words in FILES.items():
         with pytest.raises(SimulationError, match=words) as caught:
-            parse_scenario("mine.toml", wrong)
+            parse_scenario("mine.toml", wrong.encode())
         assert len(str(caught.value)) < 300

@@ -34,7 +34,6 @@ from fg_nav.lab.simulation.scenarios import Choices
 from fg_nav.lab.store.results import Arrays, Key, Measurement
 from fg_nav.magnetic import DETECTORS, average_footfall_field, judge_field
 from fg_nav.report.plots import style
-from fg_nav.truth import TrajectoryTruth
 
 SCENARIO = SCENARIOS["magnet-corridor"]
 CORRIDORS = 20  # The first seeds of a run that are enough: of walks past the magnet.
@@ -63,16 +62,13 @@ def walk_past(strength: int, seed: int) -> Arrays:
     `turned_deg` (F,) is how far the magnet turns the field; the gyroscope's heading begins at the true one.
     """
     walk = simulate(replace(SCENARIO, magnets=SCENARIO.magnets * strength), seed, Choices(calibrated=True))
-    truth = walk.recording.truth
-    assert isinstance(truth, TrajectoryTruth)
-    assert truth.nav_R_body is not None
     assert isinstance(walk.field, Sum)
-    start = float(compute_heading(truth.nav_R_body[0]))
+    start = float(compute_heading(walk.attitude[0]))
     field = average_footfall_field(walk.recording, detect_stances(walk.recording), start)
     arrays = {f"statistic {name}": judge_field(field, name).statistic for name in DETECTORS}
-    place = truth.position[field.sample] + walk.origin
+    place = walk.truth.position[field.sample] + walk.origin
     turned = measure_compass_deviation(walk.field.at(place), walk.field.parts[0].at(place))
-    places = {"place": truth.position[field.sample, :2], "magnet": np.array(SCENARIO.magnets[0]) - walk.origin}
+    places = {"place": walk.truth.position[field.sample, :2], "magnet": np.array(SCENARIO.magnets[0]) - walk.origin}
     headings = {"t": field.t, "compass": field.force_heading, "gyroscope": field.gyro_heading}
     return arrays | places | headings | {"turned_deg": np.degrees(np.abs(turned))}
 
@@ -85,7 +81,7 @@ def read_run(made: Made) -> Found:
     building = pictures.keep_paths(made, "teaching-building", NAMES, 7, filters)
     drawn = {"Z-E1": [draw_verdicts(pictures, past[STRENGTHS[-1]][0])], "Z-E2": [building]}
     measures = dict.fromkeys(("number", "near", "far", "area"), partial(measure_past, past))
-    corridor = Key(SCENARIO.name, made.levels[0], "", LOOP, "iez")  # its walks are kept as parts, not as results
+    corridor = Key(SCENARIO.name, made.levels[0], "0", LOOP, "iez")  # its walks are kept as parts, not as results
     return Found(measures, drawn, describe_walks([corridor], ()))
 
 

@@ -61,7 +61,6 @@ from fg_nav.magnetic.footfall_field import (
     rotate_to_level,
 )
 from fg_nav.report.plots import style
-from fg_nav.truth import TrajectoryTruth
 
 LOOPS, NOISES, ROCS = 20, 10, 10  # The first seeds of a run that are enough; ten walks for the sigmas are two hours.
 REST_S, QUICK_REST_S = 7200.0, 600.0  # For so long the first seed's shoe lies on a table.
@@ -144,11 +143,9 @@ def walk_loop(seed: int) -> Arrays:
     """
     choices = Choices(field="homogeneous")
     # iron as in Table 1, in the mean true attitude of the stances
-    bare_walk = simulate(CIRCLES, seed, choices).recording
-    truth = bare_walk.truth
-    assert isinstance(truth, TrajectoryTruth)
-    assert truth.nav_R_body is not None
-    R = compute_level_R_body(truth.nav_R_body[detect_stances(bare_walk).stillest(bare_walk.gyr), 2].mean(axis=0))
+    walk = simulate(CIRCLES, seed, choices)
+    stillest = detect_stances(walk.recording).stillest(walk.recording.gyr)
+    R = compute_level_R_body(walk.attitude[stillest, 2].mean(axis=0))
     on_shoe = replace(scenario(CIRCLES), sensor=preset(SENSOR).with_iron(ma_table_1(R)))
     recording = simulate(on_shoe, seed, choices).recording
     field = average_footfall_field(recording, detect_stances(recording))
@@ -299,10 +296,9 @@ def measure_noise(seed: int, rest_s: float) -> Arrays:
     if rest_s:
         # sample by sample; the rate of a shoe at rest is no more than its bias, which the walk would take off
         still = replace(SCENARIOS["at-rest"], route=lambda rng: [Stand(rest_s)])
-        recording = simulate(still, seed, Choices(sensor=SENSOR, rate_hz=100.0)).recording
-        assert recording.mag is not None
-        mag = recording.mag[np.isfinite(recording.mag).all(axis=1)]
-        level = rotate_to_level(mag, np.broadcast_to(np.nanmean(recording.acc, axis=0), mag.shape))
+        rest = simulate(still, seed, Choices(sensor=SENSOR, rate_hz=100.0))
+        mag = rest.mag[np.isfinite(rest.mag).all(axis=1)]
+        level = rotate_to_level(mag, np.broadcast_to(np.nanmean(rest.recording.acc, axis=0), mag.shape))
         found[AT_REST] = _sigmas(compute_field_heading(level), compute_inclination(level), np.linalg.norm(mag, axis=1))
     return found
 
@@ -332,9 +328,6 @@ def measure_detections(name: str, seed: int) -> Arrays:
     """
     smooth, indoor = (simulate(name, seed, Choices(field=level)) for level in ("smooth", "indoor"))
     recording, sensor = smooth.recording, smooth.drawn["sensor"]
-    assert recording.mag is not None
-    assert indoor.recording.mag is not None
-    assert isinstance(recording.truth, TrajectoryTruth)
     stances = detect_stances(recording)
     attitude = integrate_attitude(recording, stances)
     sample = stances.stillest(recording.gyr)
@@ -342,13 +335,13 @@ def measure_detections(name: str, seed: int) -> Arrays:
     for level, share in SHARES.items():
         # the walk in a mixture of the two fields, its iron removed as drawn
         nav_field = (1 - share) * smooth.nav_field(sample) + share * indoor.nav_field(sample)
-        mixed = (1 - share) * recording.mag + share * indoor.recording.mag
+        mixed = (1 - share) * smooth.mag + share * indoor.mag
         mag = np.linalg.solve(np.array(sensor["soft_iron"]), (mixed - np.array(sensor["hard_iron_uT"])).T).T
         field = average_footfall_field(replace(recording, mag=mag), stances, nav_R_body=attitude)
         # what is true of the stances, and what the detectors make of them
         arrays |= {
             f"{level}/vector_uT": measure_field_change(nav_field, WINDOW),
-            f"{level}/course_deg": np.rad2deg(measure_course_change(recording.truth.position[sample], WINDOW)),
+            f"{level}/course_deg": np.rad2deg(measure_course_change(smooth.truth.position[sample], WINDOW)),
             f"{level}/wrong_deg": np.abs(np.rad2deg(measure_compass_deviation(nav_field, smooth.earth.vector))),
         }
         arrays |= {f"{level}/statistic {detector}": judge_field(field, detector).statistic for detector in DETECTORS}

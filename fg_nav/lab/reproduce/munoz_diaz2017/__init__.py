@@ -48,7 +48,6 @@ from fg_nav.lab.reproduce.munoz_diaz2017.walks import (
     SECOND_NOISES_UT,
     Case,
     Setting,
-    true_attitude,
 )
 from fg_nav.lab.reproduce.results import Line, Picture, Spread, spread_of
 from fg_nav.lab.reproduce.runner import Found, Made, Paper, Parts
@@ -142,6 +141,9 @@ def measure_seed(seed: int, quick: bool) -> Arrays:
     """Walk and estimate; arrays for `seed_of`, by names with slashes."""
     first, second = simulate(simulated.FIRST_WALK, seed), simulated.simulate_second(seed, SECOND_NOISES_UT[0])
     settings = {"first": simulated.read_setting(first), "second": simulated.read_setting(second)}
+    headings = {
+        name: np.unwrap(compute_heading(walk.attitude)) for name, walk in (("first", first), ("second", second))
+    }
     arrays: dict[str, Any] = {}
     for walk, setting in settings.items():
         arrays |= {f"setting/{walk}/{name}": value for name, value in vars(setting).items()}
@@ -155,11 +157,11 @@ def measure_seed(seed: int, quick: bool) -> Arrays:
                 noise_uT = case.mag_sigma_uT
                 second = simulated.simulate_second(seed, noise_uT)
             recording = simulated.record_second(second, case.name, seed)
-        heading = float(compute_heading(true_attitude(recording)[0]))
+        heading = headings[walk_of(case)]
         for name in case.by:
             columns: dict[str, Any] = {"ended": True}
             try:
-                start = level_start(recording, heading)
+                start = level_start(recording, float(heading[0]))
                 if name in FILTERS:
                     parameters, estimate = FILTERS[name]
                     chosen = replace(parameters, field_gated=case.gated, mag_sigma_uT=case.mag_sigma_uT)
@@ -167,7 +169,7 @@ def measure_seed(seed: int, quick: bool) -> Arrays:
                 else:
                     graph = replace(GRAPHS[case in FIRST], mag_sigma_uT=case.mag_sigma_uT)
                     track = (smooth_pocket if name == BATCH else follow_pocket)(recording, graph, start)
-                columns = vars(make_run(track, recording, settings[walk_of(case)]))
+                columns = vars(make_run(track, recording, heading, settings[walk_of(case)]))
             except EstimationError:
                 pass
             arrays |= {f"run/{case.name}/{name}/{what}": one for what, one in columns.items() if one is not None}
@@ -183,8 +185,8 @@ def measure_seed(seed: int, quick: bool) -> Arrays:
     return {name: one.astype(np.float32) if one.dtype == np.float64 else one for name, one in found.items()}
 
 
-def make_run(track: PocketTrack, recording: Recording, setting: Setting) -> Run:
-    """Once a second, and the way by dead reckoning with the length of the whole walk."""
+def make_run(track: PocketTrack, recording: Recording, heading: Floats, setting: Setting) -> Run:
+    """Once a second, and the way by dead reckoning with the length of the whole walk; `heading` (N,) rad is true."""
     try:
         swing = estimate_swing(recording, track, with_force=False)
         steps = find_steps(recording.t, swing.flexion, swing.up_now)
@@ -192,9 +194,7 @@ def make_run(track: PocketTrack, recording: Recording, setting: Setting) -> Run:
         places = np.stack([np.interp(setting.ends, track.t[path.sample], axis) for axis in path.position.T[:2]], axis=1)
     except EstimationError:
         places = np.full((len(setting.ends), 2), np.nan)
-    headings = (compute_heading(R) for R in (track.nav_R_body, true_attitude(recording)))
-    own, true = (np.unwrap(heading) for heading in headings)
-    yaw, rows = np.degrees(own - true), slice(None, None, 100)
+    yaw, rows = np.degrees(np.unwrap(compute_heading(track.nav_R_body)) - heading), slice(None, None, 100)
     return Run(
         minute=track.t[rows] / 60.0,
         bias=np.degrees(track.gyro_bias[rows]),

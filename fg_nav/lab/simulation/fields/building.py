@@ -64,7 +64,7 @@ from scipy.spatial import KDTree
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import SimulationError
-from fg_nav.lab.simulation.checks import Checked, NotNegative, Positive
+from fg_nav.lab.simulation.checks import Checked, NotNegative, Positive, check_known
 from fg_nav.lab.simulation.fields.field import (
     UP,
     Circuit,
@@ -391,8 +391,7 @@ def draw_environment(level: str, earth: Homogeneous, points: Floats, rng: np.ran
     The path goes by straight lines through `points` (M, 3) m on the floor. Objects stand next to it, half a meter or
     more from wherever the sensor may be. Raises `SimulationError` for any other level, or points that are no path.
     """
-    if level not in LEVELS:
-        raise SimulationError(f"there is no field level {level!r}: choose one of {', '.join(LEVELS)}.")
+    check_known("field", level, LEVELS)
     if level == "homogeneous":
         return earth
     path = resample_path(points)
