@@ -19,8 +19,6 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any, TypeAlias
 
-import numpy as np
-
 from fg_nav.arrays import Floats
 from fg_nav.calibration.walk import WalkCalibrationParameters
 from fg_nav.detection import StanceParameters
@@ -165,8 +163,6 @@ def evaluate_outcome(blank: Result, source: Source, walk: Walk, outcome: Outcome
     if truth is None:
         own = {CLOSURE: _round_positions(place)}
         return replace(done, errors={CLOSURE: measure_walk(solution)}, estimate=own)
-    names = tuple(one.landmark for one in source.landmarks)
-    time_s, crossed = (np.array([getattr(one, what) for one in source.landmarks]) for what in ("time_s", "position"))
     errors, estimate, at_landmarks, whitened = {}, {}, {}, {}
     modes = (AS_STARTED, BEST_YAW) if isinstance(truth, TrajectoryTruth) else (BEST_YAW,)
     for mode in modes:
@@ -175,16 +171,15 @@ def evaluate_outcome(blank: Result, source: Source, walk: Walk, outcome: Outcome
         estimate[mode] = _round_positions(aligned.estimate if not aligned.planar else aligned.alignment.apply(place))
         if mode == AS_STARTED:
             whitened = whiten_errors(aligned, solution.stances)
-        if names:
-            found = measure_landmarks(solution, names, time_s, crossed, aligned.alignment)
-            at_landmarks[mode] = found.error_m.tolist()
+        if source.landmarks:
+            at_landmarks[mode] = measure_landmarks(solution, source.landmarks, aligned.alignment).tolist()
     return replace(
         done,
         errors=errors,
         whitened=whitened,
         estimate=estimate,
         truth=_round_positions(aligned.truth),
-        landmark=names,
+        landmark=tuple(one.landmark for one in source.landmarks),
         landmark_m=at_landmarks,
         notes=(*done.notes, *aligned.notes),
     )

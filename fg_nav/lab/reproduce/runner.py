@@ -24,7 +24,7 @@ from fg_nav.lab.simulation.fields.building import CLUTTERS, SMOOTH_KINDS
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.files import make_folder
 from fg_nav.lab.store.results import USED, Arrays, Key, Measurement, Result, read_result
-from fg_nav.lab.walked import AS_STARTED, BEST_YAW, error_reduction_percent
+from fg_nav.lab.walked import AS_STARTED, BEST_YAW
 from fg_nav.magnetic import DETECTORS
 from fg_nav.text import format_count
 
@@ -250,7 +250,7 @@ def reduction_over(results: Sequence[Result], reference: Sequence[Result], figur
     for result in results:
         one, other = figure(result), theirs.get(result.key.walk)
         if one is not None and other:
-            found.append(error_reduction_percent(one, other))
+            found.append(100.0 * (1.0 - one / other))
         elif result.failed:
             found.append(-math.inf)
     return spread_of(found)
