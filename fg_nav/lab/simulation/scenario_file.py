@@ -56,7 +56,7 @@ class RouteTable(Table):
     """The table `course` of the file."""
 
     points_m: Annotated[tuple[tuple[Number, Number], ...], Field(min_length=2)]
-    corner_radius_m: Number = 1.2
+    corner_radius_m: Annotated[float, Field(gt=0.0, le=LARGEST)] = 1.2
     laps: Annotated[int, Field(ge=1, le=MOST)] = 1
     rest_s: Annotated[float, Field(ge=0.0, le=MAX_REST_S)] = 5.0
     pace: Number = 1.0

@@ -415,21 +415,3 @@ def test_what_cannot_be_is_named() -> None:
     ):
         with pytest.raises(SimulationError, match=words):
             make()
-
-
-def test_blocks_and_fields_that_cannot_be_are_refused() -> None:
-    run, (t, rate, force) = switch_on(preset("demo")), motion(100, 200.0)
-    run.measure(t[:50], rate[:50], force[:50], changing_field)
-    with pytest.raises(SimulationError, match="do not rise"):
-        run.measure(t[40:], rate[40:], force[40:], changing_field)
-    with pytest.raises(SimulationError, match=r"force to measure has shape \(49, 3\), not \(50, 3\)"):
-        run.measure(t[50:], rate[50:], force[51:], changing_field)
-    force[70, 1] = np.nan
-    with pytest.raises(SimulationError, match=r"force to measure is not finite at 0\.350 s"):
-        run.measure(t[50:], rate[50:], force[50:], changing_field)
-    for body_field, words in (
-        (lambda at: spinning(at[1:]), r"field to measure has shape \(99, 3\), not \(100, 3\): give each instant a row"),
-        (lambda at: np.where(at[:, None] < 0.4, spinning(at), np.nan), r"field to measure is not finite at 0\.400 s"),
-    ):
-        with pytest.raises(SimulationError, match=words):
-            switch_on(SensorPrior("any", 200.0)).measure(*motion(100, 200.0), body_field)
