@@ -489,7 +489,6 @@ def test_a_mounting_is_drawn_once_about_its_mean() -> None:
 def test_what_cannot_be_is_refused() -> None:
     for make, words in (
         (lambda: Gait(stride_s=0.0), "stride_s cannot be 0.0"),
-        (lambda: Gait(climb=(0.8, 0.2)), "climb"),
         (lambda: Person(forward_s_m=0.5), "forward_s_m"),
         (lambda: Mount(lever_m=(0.0, np.inf, 0.0)), "lever_m"),
     ):

@@ -37,11 +37,12 @@ from typing import Any
 from fg_nav.lab.simulation.checks import Table, check_known
 from fg_nav.lab.simulation.sensors.clock import ClockPrior
 from fg_nav.lab.simulation.sensors.magnetometer import IronPrior, MagnetometerPrior, ma_table_1, make_iron
-from fg_nav.lab.simulation.sensors.sensor import Samples, Sensor, SensorPrior, SensorRun
+from fg_nav.lab.simulation.sensors.sensor import BiasTruth, Samples, Sensor, SensorPrior, SensorRun
 from fg_nav.lab.simulation.sensors.triad import Drift, TriadPrior
 
 __all__ = [
     "PRESETS",
+    "BiasTruth",
     "ClockPrior",
     "Drift",
     "IronPrior",

@@ -38,7 +38,7 @@ from typing import Annotated, TypeAlias
 import numpy as np
 from pydantic import Field
 
-from fg_nav.arrays import Bools, Floats
+from fg_nav.arrays import Floats
 from fg_nav.lab.simulation.checks import Checked, Share
 from fg_nav.lab.simulation.sensors.triad import Limit, digitize, draw_distortion
 
@@ -170,10 +170,10 @@ class Compass:
         self._phase, self._tick = float(ticks_rng.uniform()), -np.inf
         self._last = np.full((1, 3), np.nan)
 
-    def measure(self, t: Floats, body_field: BodyField | None) -> tuple[Floats | None, Bools | None]:
-        """Readings (N, 3) uT of the next N rows and which (N,) are fresh."""
+    def measure(self, t: Floats, body_field: BodyField | None) -> Floats | None:
+        """Readings (N, 3) uT of the next N rows."""
         if self._prior is None or body_field is None:
-            return None, None
+            return None
         fresh = np.ones(len(t), dtype=np.bool_)
         if np.isfinite(self._prior.rate_hz) and len(t):
             tick = np.floor(t * self._prior.rate_hz + self._phase)
@@ -183,10 +183,10 @@ class Compass:
         if self._prior.held:
             known = np.vstack([self._last, reading])
             self._last = known[-1:]
-            return np.asarray(known[np.cumsum(fresh)]), fresh
+            return np.asarray(known[np.cumsum(fresh)])
         mag = np.full((len(t), 3), np.nan)
         mag[fresh] = reading
-        return mag, fresh
+        return mag
 
     def _read(self, body_field: BodyField, instants: Floats) -> Floats:
         """Readings (M, 3) uT of the samples taken at these instants (M,) s; a block may have none."""
