@@ -122,18 +122,18 @@ def draw_view(chosen: Namespace) -> None:
         photograph(pages, chosen.figure)
 
 
-WALK, MAX_POINTS = 33, 4000
+WALK, MAX_POINTS = "gdin 33", 4000
 LINES = {"iez": ("zero-velocity filter (IEZ)", palette.VERMILION, 0.8), "smoother": ("fg-nav", palette.BLUE, 1.2)}
 
 
 def draw_walks(chosen: Namespace) -> None:
     """Draw a real and a simulated walk."""
-    real = read(walks.gdin_path(walks.data_folder(chosen.data), WALK))
+    real = next(one for one in walks.list_set(walks.data_folder(chosen.data), walks.GDIN) if one.name == WALK)
     mall = simulate("mall", chosen.seed, Choices(calibrated=True)).recording
     with style.styled():
         picture = style.new_figure(4.2, width_in=10.5)
         left, right = picture.subplots(1, 2, width_ratios=(1.55, 1.0))
-        ours, filtered = draw_walk(left, real)
+        ours, filtered = draw_walk(left, read(real.path))
         left.set_title(f"A real walk of 64 m, with its magnetometer: {ours:.2f} m rms, filter {filtered:.2f}")
         ours, filtered = draw_walk(right, mall)
         right.set_title(f"Simulated, 2.5 km: {ours:.1f} m rms, filter {filtered:.1f}")
@@ -166,11 +166,15 @@ DRAWN = {"walks": draw_walks, "report": draw_report, "view": draw_view}
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Draw one."""
-    what = option(None, "which picture", choices=tuple(DRAWN), positional=True)
     chosen = harness.parse_arguments(
-        __doc__, arguments, what=what, seed=harness.FIRST_SEED, figure=Path("picture.png"), data=None
+        __doc__,
+        arguments,
+        DRAWN,
+        seed=harness.FIRST_SEED,
+        figure=option(Path("picture.png"), "draw into this file", type=Path, metavar="FILE"),
+        data=None,
     )
-    harness.write_file(chosen.figure, lambda _: DRAWN[chosen.what](chosen))
+    DRAWN[chosen.what](chosen)
 
 
 if __name__ == "__main__":

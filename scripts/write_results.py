@@ -5,7 +5,6 @@
 
 ============================================= ======================================================================
 `ma2018`, `aiez2017`, `munoz-diaz2017` .json  results.json of `fg-nav lab reproduce PAPER`
-`benchmark.json`                              the peers, by `benchmark_peers.py` of commit b894e160
 any other                                     `python scripts/measure.py NAME --save`
 ============================================= ======================================================================
 
@@ -26,7 +25,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 import harness
-from experiments import Table, peers, sum_up, write_row, write_table
+from experiments import Table, write_row
 from measure import EXPERIMENTS, ROOT
 
 from fg_nav.errors import OutputError
@@ -119,19 +118,13 @@ def read_page(page: Path) -> str:
 
 
 def write_blocks(path: Path) -> Iterator[tuple[str, list[str]]]:
-    """Yield the tables of a file of the store: an experiment's own, and the sums of all its columns by its name."""
-    if path.stem not in (*EXPERIMENTS, "benchmark"):
+    """Yield the tables that an experiment makes of its file in the store."""
+    if path.stem not in EXPERIMENTS:
         return
-    content = json.loads(path.read_text(encoding="utf-8"))
-    if path.stem == "benchmark":  # of before there was one store
-        yield "peers", peers.write_peers(peers.read_benchmark(content["peers"]))
-        return
-    experiment, table = EXPERIMENTS[path.stem], Table(content["rows"])
-    heads, *rows = sum_up(table, experiment.columns)
-    blocks = {path.stem: write_table(heads, rows, words=2)}
-    blocks |= {name: write(table) for name, write in experiment.blocks.items()}
-    for name, lines in blocks.items():
-        yield name, [*lines, "", describe_stamps(path.stem, content["made"])]
+    content, experiment = json.loads(path.read_text(encoding="utf-8")), EXPERIMENTS[path.stem]
+    for name, write in experiment.blocks.items():
+        stamps = ["", describe_stamps(path.stem, content["made"])] if content["made"] else []
+        yield name, [*write(Table(content["rows"])), *stamps]
 
 
 def describe_stamps(name: str, made: Mapping[str, Mapping[str, str]]) -> str:

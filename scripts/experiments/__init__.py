@@ -16,12 +16,14 @@ from typing import Any, TypeAlias, TypeVar
 
 import harness
 import numpy as np
-from harness import Figure, Option
+from harness import Figure
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import FgNavError
+from fg_nav.frames import compute_heading
 from fg_nav.recording import Recording
 from fg_nav.truth import TrajectoryTruth
+from fg_nav.walk import Options
 
 T = TypeVar("T")
 Value: TypeAlias = float | int | str | None
@@ -73,6 +75,11 @@ def find_truth(recording: Recording) -> tuple[TrajectoryTruth, Floats]:
     return truth, truth.nav_R_body
 
 
+def give_heading(recording: Recording) -> Options:
+    """Give the true heading at the start of a simulated walk."""
+    return Options(heading_deg=float(np.degrees(compute_heading(find_truth(recording)[1][0]))))
+
+
 @dataclass(frozen=True)
 class Table:
     """Rows: `section`, `walk`, `variant`, and figures by name."""
@@ -80,13 +87,18 @@ class Table:
     rows: Sequence[Mapping[str, Any]]
 
     @property
+    def cases(self) -> list[tuple[str, str]]:
+        """Sections and variants, in the order in which they were measured."""
+        return list(dict.fromkeys((row["section"], row["variant"]) for row in self.rows))
+
+    @property
     def sections(self) -> list[str]:
         """In the order in which they were measured."""
-        return list(dict.fromkeys(row["section"] for row in self.rows))
+        return list(dict.fromkeys(section for section, _ in self.cases))
 
-    def variants(self, section: str) -> list[str]:
-        """Of a section."""
-        return list(dict.fromkeys(row["variant"] for row in self.rows if row["section"] == section))
+    def select(self, section: str) -> Table:
+        """The rows of one section."""
+        return Table([row for row in self.rows if row["section"] == section])
 
     def of(self, section: str, variant: str) -> dict[str, Mapping[str, Any]]:
         """Rows by walk."""
@@ -145,13 +157,12 @@ class Asked:
 
     def judge(self, table: Table) -> Iterable[Figure]:
         """Yield the figure of each section and variant."""
-        for section in [self.section] if self.section else table.sections:
-            for variant in [self.variant] if self.variant else table.variants(section):
-                values = table.values(section, variant, self.figure, self.over)
-                if len(values):
-                    name = f"{self.figure}, {self.summary}" + (f", over {self.over}" if self.over else "")
-                    measured = SUMMARIES[self.summary](values)
-                    yield Figure(section, name, variant, measured, self.low, self.high, self.pattern)
+        for section, variant in table.cases:
+            values = table.values(section, variant, self.figure, self.over)
+            if len(values) and self.section in ("", section) and self.variant in ("", variant):
+                name = f"{self.figure}, {self.summary}" + (f", over {self.over}" if self.over else "")
+                measured = SUMMARIES[self.summary](values)
+                yield Figure(section, name, variant, measured, self.low, self.high, self.pattern)
 
 
 Block: TypeAlias = Callable[[Table], list[str]]
@@ -168,7 +179,7 @@ class Experiment:
     list_tasks : the walks, by the arguments.
     columns, asked : what is shown and what is asked.
     seeds, first : how many simulated walks, from which on; none of an experiment on recordings alone.
-    options : of the command line, besides those of all.
+    options : of the command line, besides those of all, as `harness.parse_arguments` takes them.
     judge : more figures than those of `asked`.
     blocks : tables of pages, by the names of their marks.
     keeps_walks : whether each walk is stored, or the sums over the walks alone.
@@ -180,7 +191,7 @@ class Experiment:
     asked: Sequence[Asked] = ()
     seeds: int = 0
     first: int = harness.FIRST_SEED
-    options: Mapping[str, Option] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)
     judge: Callable[[Table], list[Figure]] = lambda table: []
     blocks: Mapping[str, Block] = field(default_factory=dict)
     keeps_walks: bool = True
@@ -194,8 +205,7 @@ def sum_up(table: Table, columns: Sequence[Column]) -> list[list[str]]:
     heads = ["section", "variant", "walks", *(column.head for column in columns)]
     rows = [
         [section, variant, f"{len(table.of(section, variant))}", *(c.write(table, section, variant) for c in columns)]
-        for section in table.sections
-        for variant in table.variants(section)
+        for section, variant in table.cases
     ]
     kept = [k for k in range(len(heads)) if k < 3 or any(row[k] for row in rows)]
     return [[row[k] or "-" for k in kept] for row in [heads, *rows]]
@@ -203,9 +213,8 @@ def sum_up(table: Table, columns: Sequence[Column]) -> list[list[str]]:
 
 def write_row(cells: Sequence[str]) -> str:
     """Write a row of a table in Markdown; what would end a cell, or be taken for a tag, is escaped."""
-    return (
-        "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ").replace("<i", "&lt;i") for cell in cells) + " |"
-    )
+    escaped = (cell.replace("|", "\\|").replace("\n", " ").replace("<i", "&lt;i") for cell in cells)
+    return f"| {' | '.join(escaped)} |"
 
 
 def write_table(heads: Sequence[str], rows: Iterable[Sequence[str]], words: int = 1) -> list[str]:

@@ -13,19 +13,17 @@ from argparse import Namespace
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from subprocess import DEVNULL, Popen
 from time import perf_counter, sleep
-from typing import Any
 
 import gtsam
 import numpy as np
-from harness import FIRST_SEED, Figure, measure_cpu, option
+from harness import FIRST_SEED, measure_cpu, option
 from stress import HEADER, Rows, read_memory_mb
 from walks import simulate_long_walk
 
-from experiments import Asked, Column, Experiment, Figures, Found, Table, Task
+from experiments import Asked, Column, Experiment, Figures, Found, Task
 from fg_nav.detection import detect_stances
 from fg_nav.errors import SimulationError
 from fg_nav.io import write_canonical
@@ -57,7 +55,7 @@ ASKED: Mapping[tuple[str, str], float] = {
     ("online", "bare loop"): 60.0,
 }
 """Call over another call: at most."""
-DOUBLING, FILTER_US = 1.15, 4.0  # cost a sample over that of a shorter walk; of a filter, us a sample
+FILTER_US = 4.0  # of a filter, us a sample
 
 
 def list_samples(chosen: Namespace) -> list[Task]:
@@ -74,7 +72,7 @@ def measure_samples(minutes: float, ratio: bool, repeats: int) -> Found:
     for call in list_calls(recording.slice(0, round(30 * RATE_HZ)), ratio).values():
         call()
     calls = list_calls(recording, ratio)
-    least = np.min([[measure_cpu(call)[0] for call in calls.values()] for _ in range(repeats)], axis=0)
+    least = np.min([[measure_cpu(call) for call in calls.values()] for _ in range(repeats)], axis=0)
     return {name: {"us": float(us)} for name, us in zip(calls, 1e6 * least / len(recording), strict=True)}
 
 
@@ -118,33 +116,23 @@ def follow_walk(recording: Recording) -> None:
     navigator.close()
 
 
-def judge_samples(table: Table) -> list[Figure]:
-    """Compare the cost of a sample with that on the walk before."""
-    cost = {walk: table.values(walk, "smooth", "us")[0] for walk in table.sections}
-    return [
-        Figure(whole, f"smooth a sample, over {half}", "smooth", float(cost[whole] / cost[half]), high=DOUBLING)
-        for half, whole in pairwise(table.sections)
-    ]
-
-
 # --- a footfall ------------------------------------------------------------------------------------------------------
 
-BLOCK_S = 0.1  # samples that come at once
-EVERY, EARLY = 1000, slice(500, 1500)
+BLOCK_S, FOOTFALLS_HZ = 0.1, 100.0  # samples that come at once, and how many a second
+PERCENTILES = {"p50": 50, "p99": 99, "longest": 100}
 
 
 def list_footfalls(chosen: Namespace) -> list[Task]:
     """One walk in progress."""
-    mode = "the whole walk" if chosen.lag is None else f"a lag of {chosen.lag:g} s"
-    return [Task(mode, f"{chosen.minutes:g} min", partial(measure_footfalls, chosen.minutes, chosen.rate, chosen.lag))]
+    return [Task("the whole walk", f"{chosen.minutes:g} min", partial(measure_footfalls, chosen.minutes))]
 
 
-def measure_footfalls(minutes: float, rate_hz: float, lag_s: float | None) -> Found:
-    """Time each push that returns a line, and what the memory of both processes is then; by the thousand, and all."""
-    recording = simulate_long_walk(minutes, SEED, rate_hz, "indoor")
-    navigator, ms, mb = OnlineNavigator(OnlineOptions(heading_rad=0.0, lag_s=lag_s)), list[float](), list[float]()
+def measure_footfalls(minutes: float) -> Found:
+    """Time each push that returns a line, and what the memory of both processes is at the end."""
+    recording = simulate_long_walk(minutes, SEED, FOOTFALLS_HZ, "indoor")
+    navigator, ms = OnlineNavigator(OnlineOptions(heading_rad=0.0)), list[float]()
     solver = PacedSolver(navigator)
-    block = max(1, round(BLOCK_S / recording.period_s))
+    block = round(BLOCK_S * FOOTFALLS_HZ)
     for start in range(0, len(recording), block):
         part, idle_s = np.s_[start : start + block], solver.idle_s
         mag = None if recording.mag is None else recording.mag[part]
@@ -153,19 +141,10 @@ def measure_footfalls(minutes: float, rate_hz: float, lag_s: float | None) -> Fo
         elapsed_s = perf_counter() - began - (solver.idle_s - idle_s)
         if any(isinstance(line, StanceEstimate) for line in lines):
             ms.append(1e3 * elapsed_s)
-            mb.append(read_memory_mb("self") + read_memory_mb(solver.process.pid or 0))
+    memory_mb = read_memory_mb("self") + read_memory_mb(solver.process.pid or 0)
     solver.close()
-    if len(ms) <= EARLY.start:
-        raise SimulationError(f"{len(ms)} footfalls are too few for a trend: ask for 12 minutes or more.")
-    parts: dict[str, Any] = {f"{k} to {k + EVERY}": slice(k, k + EVERY) for k in range(0, len(ms), EVERY)}
-    parts["all"] = slice(None)
-    found: dict[str, dict[str, float]] = {}
-    for name, some in parts.items():
-        found[name] = {f"p{q}": float(np.percentile(ms[some], q)) for q in (50, 99, 100)} | {"memory": mb[some][-1]}
-    if lag_s is not None:
-        late, early = np.percentile(ms[-EVERY:], 99), np.percentile(ms[EARLY], 99)
-        found["all"] |= {"late / early": float(late / early), "growth": mb[-1] / mb[len(mb) // 2]}
-    return found
+    found = {name: float(np.percentile(ms, q)) for name, q in PERCENTILES.items()}
+    return {"online": {**found, "footfalls": len(ms), "memory": memory_mb}}
 
 
 class PacedSolver(Solver):
@@ -195,7 +174,7 @@ class PacedSolver(Solver):
 
 # --- a command -------------------------------------------------------------------------------------------------------
 
-LINES = 100_000  # written at once
+LINES, REPEATS = 100_000, 3  # written at once; of the start
 HOUR = 'like = "mall"\ncourse = {points_m = [[0, 0], [0, 60], [110, 60], [110, 0], [0, 0]], laps = 15}\n'  # 5 km
 CPU, WALL, MEMORY = "processor (s)", "wall (s)", "memory (MB)"
 
@@ -214,18 +193,18 @@ def run_command(*words: str, variables: Mapping[str, str] | None = None) -> dict
 def list_commands(chosen: Namespace) -> list[Task]:
     """The start of the command line, hours of walking, and simulations."""
     return [
-        Task("start", "demo", partial(measure_start, chosen.repeats)),
-        *(Task("hours", f"{h:g}", partial(measure_hours, h, chosen.rate, chosen.no_field)) for h in chosen.hours),
+        Task("start", "demo", measure_start),
+        *(Task("hours", f"{hours:g}", partial(measure_hours, hours, chosen.no_field)) for hours in chosen.hours),
         Task("simulate", "mall and an hour", measure_simulator),
     ]
 
 
-def measure_start(repeats: int) -> Found:
+def measure_start() -> Found:
     """Help, a first run and one after it, with folders of each repeat for what is kept between runs."""
     spent = []
     with tempfile.TemporaryDirectory() as folder:
         write_canonical(simulate("demo", 1).recording, Path(folder) / "walk.csv")
-        for k in range(repeats):
+        for k in range(REPEATS):
             kept = {"NUMBA_CACHE_DIR": f"{folder}/numba{k}", "MPLCONFIGDIR": f"{folder}/fonts{k}"}
             run = ("run", f"{folder}/walk.csv", "--force", "--out", f"{folder}/out")
             spent.append([run_command(*words, variables=kept) for words in (("--help",), run, run)])
@@ -233,9 +212,9 @@ def measure_start(repeats: int) -> Found:
     return {name: {key: min(one[k][key] for one in spent) for key in spent[0][k]} for k, name in enumerate(names)}
 
 
-def measure_hours(hours: float, rate_hz: float, no_field: bool) -> Found:
+def measure_hours(hours: float, no_field: bool) -> Found:
     """`fg-nav run` on a walk of these hours, written in pieces."""
-    rows = Rows.simulate(FIRST_SEED, rate_hz)
+    rows = Rows.simulate(FIRST_SEED, RATE_HZ)
     count = round(3600.0 * hours / rows.period_s)
     with tempfile.TemporaryDirectory() as folder:
         with open(f"{folder}/walk.csv", "wb") as file:
@@ -255,17 +234,6 @@ def measure_simulator() -> Found:
             for name, words in (("demo", "demo"), ("mall", "mall"), ("one hour", f"{scenario}"))
         }
     return runs
-
-
-def judge_hours(table: Table) -> list[Figure]:
-    """Compare walks with those of half their length."""
-    figures = []
-    for mode in table.variants("hours"):
-        cost = {float(walk): row.get(CPU, np.inf) for walk, row in table.of("hours", mode).items()}
-        for hours in [one for one in cost if one / 2.0 in cost]:
-            growth = cost[hours] / cost[hours / 2.0]
-            figures.append(Figure("hours", f"doubling to {hours:g} h", mode, growth, high=2.2))
-    return figures
 
 
 EXPERIMENTS: Mapping[str, Experiment] = {
@@ -291,32 +259,17 @@ EXPERIMENTS: Mapping[str, Experiment] = {
             "minutes": option(None, "of the walks", type=float, nargs="+", metavar="M"),
             "repeats": option(3, "how often all is run", metavar="N"),
         },
-        judge=judge_samples,
     ),
     "footfalls": Experiment(
         """What a footfall costs online, however long the walk, from the push that completes it to its line, ms.
 
-        `OnlineNavigator.push` for hours round a corridor with a magnetometer, a tenth of a second at a time, solved
-        again in a process beside it; a row each thousand lines, and memory of both processes, MB. The walk is pushed
-        faster than it was walked, so where it waits for the other process, the time that this would have had is not
-        counted. With a lag: p99 of the last thousand lines over that of lines 500 to 1500, memory over that at half of
-        the walk.""",
+        `OnlineNavigator.push` for hours round a corridor with a magnetometer at 100 Hz, a tenth of a second at a time,
+        solved again in a process beside it; memory of both processes, MB. The walk is pushed faster than it was walked,
+        so where it waits for the other process, the time that this would have had is not counted.""",
         list_footfalls,
-        (
-            *(Column(f"p{q}", name, "mean", "{:.1f}") for q, name in ((50, "p50"), (99, "p99"), (100, "longest"))),
-            Column("memory", "memory", "mean", "{:.0f}"),
-            Column("late / early", "late / early", "mean", "{:.2f}"),
-            Column("growth", "growth", "mean", "{:.2f}"),
-        ),
-        [
-            Asked(figure, "mean", high=high, variant="all")
-            for figure, high in (("p50", 10), ("p99", 60), ("p100", 250), ("late / early", 1.3), ("growth", 1.05))
-        ],
-        options={
-            "minutes": option(20.0, "of walking", metavar="N"),
-            "lag": option(None, "fixed lag (none: the whole walk)", type=float, metavar="SECONDS"),
-            "rate": option(100.0, "of the samples", metavar="HZ"),
-        },
+        [Column(name, name, "mean", "{:.1f}") for name in (*PERCENTILES, "footfalls", "memory")],
+        [Asked(name, "mean", high=high) for name, high in (("p50", 10), ("p99", 60), ("longest", 250))],
+        options={"minutes": option(20.0, "of walking", metavar="N")},
     ),
     "commands": Experiment(
         """What commands cost, each a process of its own: processor time, time on the wall, memory at its highest.
@@ -336,10 +289,7 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         ],
         options={
             "hours": option([1.0, 2.0], "of walking", type=float, nargs="+", metavar="H"),
-            "rate": option(200.0, "of the samples", metavar="HZ"),
             "no_field": option(False, "without the magnetometer"),
-            "repeats": option(3, "how often the start is measured", metavar="N"),
         },
-        judge=judge_hours,
     ),
 }  # fmt: skip

@@ -7,7 +7,7 @@ tuned on seeds 1 to 8.
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -15,7 +15,7 @@ import numpy as np
 import walks
 from harness import Figure, option
 
-from experiments import Asked, Column, Experiment, Figures, Found, Table, Task, attempt, find_truth, list_seeds
+from experiments import Asked, Column, Experiment, Found, Table, Task, attempt, find_truth, give_heading, list_seeds
 from fg_nav import navigate_feet
 from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
@@ -38,11 +38,10 @@ SIDES = ("left", "right")
 
 def list_simulated(chosen: Namespace) -> list[Task]:
     """Each scenario without and with the magnetometer."""
-    words = {False: "without", True: "with"}
     measures = {
-        f"{name}, {words[mag]} magnetometer": partial(measure_pair, name, mag)
+        f"{name}, {words} magnetometer": partial(measure_pair, name, words == "with")
         for name in chosen.scenarios
-        for mag in words
+        for words in ("without", "with")
     }
     return list_seeds(chosen, measures)
 
@@ -52,18 +51,22 @@ def measure_pair(name: str, with_mag: bool, seed: int) -> Found:
     walk, feet = simulate_feet(name, seed), dict[str, WalkInput]()
     for side in SIDES:
         recording = getattr(walk, side).recording
-        stances, heading = detect_stances(recording), float(compute_heading(find_truth(recording)[1][0]))
+        stances, heading = detect_stances(recording), give_heading(recording).heading_rad
         field = average_footfall_field(recording, stances) if with_mag else None
         feet[side] = WalkInput(recording, stances, heading, field)
-    both, found = smooth_feet(feet["right"], feet["left"]), dict[str, Figures]()
+    solved = solve_pair(feet)
+    return {f"{side} {how}": measure_foot(solution, feet[side].recording) for side, how, solution in solved}
+
+
+def solve_pair(feet: Mapping[str, WalkInput]) -> Iterator[tuple[str, str, Solution]]:
+    """Yield each foot's side and solution, alone and together with the other."""
+    both = smooth_feet(feet["right"], feet["left"])
     for side, foot in feet.items():
-        alone = smooth(foot.recording, foot.stances, heading=foot.heading, field=foot.field)
-        for words, solution in (("alone", alone), ("together", getattr(both, side))):
-            found[f"{side} {words}"] = measure_foot(solution, foot.recording)
-    return found
+        yield side, "alone", smooth(foot.recording, foot.stances, heading=foot.heading, field=foot.field)
+        yield side, "together", getattr(both, side)
 
 
-def measure_foot(solution: Solution, recording: Recording) -> Figures:
+def measure_foot(solution: Solution, recording: Recording) -> dict[str, float]:
     """Errors of the footfalls: position after the best yaw and shift, m, heading less its mean, deg; and the claims."""
     (truth, nav_R_body), table = find_truth(recording), solution.stances
     turned = wrap_angle(compute_heading(table.nav_R_body) - compute_heading(nav_R_body[table.sample]))
@@ -88,7 +91,8 @@ def judge_feet(table: Table) -> list[Figure]:
     figures = []
     for section in table.sections:
         for figure in ("position (m)", "heading (deg)"):
-            rms = {v: float(np.sqrt(np.mean(table.values(section, v, figure) ** 2))) for v in table.variants(section)}
+            values = {v: table.values(section, v, figure) for s, v in table.cases if s == section}
+            rms = {variant: float(np.sqrt(np.mean(some**2))) for variant, some in values.items()}
             if len(rms) == 4:
                 together = float(np.sqrt(np.mean([rms[f"{side} together"] ** 2 for side in SIDES])))
                 share = together / min(rms[f"{side} alone"] for side in SIDES)
@@ -122,7 +126,7 @@ def list_pairs(chosen: Namespace) -> list[Task]:
 def measure_recorded(left: Path, right: Path) -> Found:
     """Start to end of each foot, m, or rms to motion capture; metres of the person, and what joins the feet."""
 
-    def measure() -> Figures:
+    def measure() -> dict[str, float | str]:
         result = navigate_feet(left, right, "inertial", sides="left,right")
         found: dict[str, float | str] = {"person (m)": result.metrics.distance_m, "cells": float(result.pairing.cells)}
         captured = left.with_name("vicon.npz")
@@ -145,12 +149,11 @@ def measure_captured(folder: Path) -> Found:
         rows = np.genfromtxt(folder / f"imuMeas{side.capitalize()}.csv", delimiter=",", skip_header=1)
         recording = Recording(rows[:, 0] / 60.0, rows[:, 1:4], rows[:, 4:7])
         feet[side] = WalkInput(recording, detect_stances(recording))
-    both, found = smooth_feet(feet["right"], feet["left"]), dict[str, dict[str, float]](alone={}, together={})
-    for k, side in enumerate(SIDES):
-        place = places[:, 1 + 3 * k : 4 + 3 * k] * [1.0, -1.0, 1.0]
-        alone = smooth(feet[side].recording, feet[side].stances)
-        for words, solution in (("alone", alone), ("together", getattr(both, side))):
-            found[words][f"{side} (m)"] = rms_position(solution.position, place)
+    found = dict[str, dict[str, float]](alone={}, together={})
+    for side, how, solution in solve_pair(feet):
+        first = 1 + 3 * SIDES.index(side)
+        place = places[:, first : first + 3] * [1.0, -1.0, 1.0]
+        found[how][f"{side} (m)"] = rms_position(solution.position, place)
     return found
 
 

@@ -10,7 +10,6 @@ from functools import partial
 
 import numpy as np
 import walks
-from harness import option
 from walks import Real
 
 from experiments import Asked, Column, Experiment, Figures, Found, Table, Task, attempt, write_table
@@ -88,9 +87,7 @@ EXPERIMENTS: Mapping[str, Experiment] = {
             Asked("error", "median", high=0.5, section="openshoe", variant="smoother"),
             Asked("error", "worst", high=1.10, section="gdin", variant="smoother", over="inertial"),
         ],
-        options={
-            "methods": option(list(FLOOR_METHODS), "methods, such as smoother:gate=aiez", nargs="+", metavar="NAME")
-        },
+        options={"methods": FLOOR_METHODS},
         blocks={"magnetometer": write_pairs},
     )
 }

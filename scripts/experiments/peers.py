@@ -9,7 +9,7 @@ from __future__ import annotations
 import subprocess
 import tempfile
 from argparse import Namespace
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -57,7 +57,7 @@ def list_peers(chosen: Namespace) -> list[Task]:
 def measure_programs(python: str | None, repeats: int, source: Real | int) -> Found:
     """Run all programs on a walk, a recording or that of a seed; times over that of the bare loop."""
     if isinstance(source, Real):
-        walk = source.read_labelled() if source.path.suffix == ".mat" else source.read()
+        walk = source.prepare(labelled=source.path.suffix == ".mat")
         recording, stances = walk.recording, walk.stances
     else:
         recording = simulate("demo", source).recording
@@ -67,7 +67,7 @@ def measure_programs(python: str | None, repeats: int, source: Real | int) -> Fo
         **{name: partial(run_ours, run, recording, stances, repeats) for name, run in OURS.items()},
         **{name: partial(run_peer, python, name, recording, stances, repeats) for name in others},
     }
-    bare_s = min(measure_cpu(partial(run_bare_loop, recording))[0] for _ in range(repeats))
+    bare_s = min(measure_cpu(partial(run_bare_loop, recording)) for _ in range(repeats))
 
     def measure(run: Callable[[], tuple[float, Rotation, Any]]) -> Figures:
         seconds, nav_R_body, position = run()
@@ -92,7 +92,7 @@ def run_ours(
 ) -> tuple[float, Rotation, Any]:
     """Processor time of a method of ours, the least behind a first call, attitudes and positions."""
     solution = run(recording, stances)
-    seconds = min(measure_cpu(partial(run, recording, stances))[0] for _ in range(repeats))
+    seconds = min(measure_cpu(partial(run, recording, stances)) for _ in range(repeats))
     return seconds, Rotation.from_matrix(solution.nav_R_body), solution.position
 
 
@@ -146,22 +146,11 @@ COLUMNS = tuple(
 )  # fmt: skip
 
 
-def read_benchmark(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """Rows of sums over the walks, in the form of before there was one store."""
-    return Table(
-        [
-            {**row, "section": row["set"], "variant": f"{row['method']} {row['version']}".strip(), "walk": ""}
-            | {FAILURE: f"not measured: {row['missing']}" if row["over_bare"] is None else ""}
-            for row in rows
-        ]
-    )
-
-
 def write_peers(table: Table) -> list[str]:
     """Write speed, errors and scope of each program, one row a set."""
     lines = [write_row(["set", "program", "walks", *(column.head for column in COLUMNS), "leaves out"])]
     lines.append("|---|---|" + "---:|" * (1 + len(COLUMNS)) + "---|")
-    for section, variant in dict.fromkeys((row["section"], row["variant"]) for row in table.rows):
+    for section, variant in table.cases:
         rows = list(table.of(section, variant).values())
         failure = next((row[FAILURE] for row in rows if row.get(FAILURE)), "")
         cells = ["-" if failure else column.write(table, section, variant) or "-" for column in COLUMNS]

@@ -87,11 +87,6 @@ def find_bias(name: str, noise_uT: float, seed: int) -> Found:
 
 MAX_ACCURACY_M, DECLINATION_DEG = 15.0, -6.0  # Of a fix; of magnetic north, where the phones were carried.
 POCKET = Options(mount="pocket")
-OTHERS_M = {
-    "pace_01_002": 46.7, "pace_01_004": 50.0, "walk_03_003": 79.6, "walk_03_005": 11.0,
-    "walk_03_007": 52.2, "walk_03_009": 90.7, "walk_09_001": 62.5,
-}  # fmt: skip
-"""Published for these files, given the first 10 % of the fixes."""
 
 
 def list_pockets(chosen: Namespace) -> list[Task]:
@@ -125,7 +120,7 @@ def measure_pocket(path: Path) -> Found:
         }
 
     def by_fixes() -> Figures:
-        found: dict[str, float | None] = {"others (m)": OTHERS_M.get(path.stem.removeprefix("pocket_"))}
+        found = dict[str, float]()
         for name, used in (("first (m)", first), ("held (m)", half), ("30 s (m)", minute)):
             some = replace(gnss, fixes=tuple(fix for fix, use in zip(kept, used, strict=True) if use))
             fused, _, start = solve(recording, some, t)
@@ -187,7 +182,7 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         list_pockets,
         tuple(
             Column(name, name, "median / worst", "{:.2f}")
-            for name in ("metres", "rigid (m)", "north (m)", "first (m)", "held (m)", "30 s (m)", "others (m)")
+            for name in ("metres", "rigid (m)", "north (m)", "first (m)", "held (m)", "30 s (m)")
         ),
     ),
 }

@@ -28,7 +28,7 @@ from pathlib import Path
 import numpy as np
 import scipy.io
 import walks
-from harness import Figure, option
+from harness import Figure
 from scipy.spatial.transform import Rotation
 
 from experiments import Column, Experiment, Figures, Found, Table, Task
@@ -43,13 +43,17 @@ from fg_nav.walk import Options, Walk
 
 TRUSTED, DOUBTFUL, REFUSED = "trusted", "doubtful", "refused"
 WORDS = (TRUSTED, DOUBTFUL, UNUSABLE, REFUSED)
-GOOD, CLIPPED, MTI1 = "good", "clipped", "mti1_loops"
+GOOD, CLIPPED, ELSEWHERE, MTI1 = "good", "clipped", "worn elsewhere", "mti1_loops"
 WALKED = (GOOD, MTI1, "mems_foot", "mtig710", "corridor_lab", "gdlbio run")
-ASKED_SHARE, ASKED_MTI1 = 0.95, 18 / 24
+ASKED_SHARE = 0.95
 CLOSED = ("square", "rectangle", "large", "c_shape", "lap_360", "five_small", "hallway", "stairs", "lab_corridor",
           "openshoe", "xio")  # fmt: skip
 SEGMENTS = ("upper_leg_left", "upper_leg_right", "hand_right", "forearm_left", "head", "hip")
-NO_WALKS = {"by hand": "broad/*.mat", "crawling": "vicon/2018-02-09*.mat", "worn elsewhere": "ridi_leg/*leg2.csv"}
+OTHERS: Mapping[str, str] = {
+    "mti round": MTI1, "mti stairs": MTI1, "gdlbio run": "gdlbio run", "all of mems": "mems_foot", "mtig": "mtig710",
+    "corridor": "corridor_lab", "by hand": "by hand", "crawling": "crawling", "leg": ELSEWHERE,
+}  # fmt: skip
+"""Kind of each set but the good ones."""
 FIRST_SEED = 301
 
 Load = Callable[[], RawRecording]
@@ -62,31 +66,22 @@ def list_cases(data: Path) -> Iterator[tuple[str, str, Load]]:
     real = [one for name in sets for one in walks.list_set(data, name) if not one.name.startswith("2018-02-09")]
     yield from ((GOOD, one.name, one.read_raw) for one in real)
     yield from ((GOOD, name, load) for name, load in simulated)
-    # walks on other sensors
-    for kind, name in ((MTI1, "mti round"), (MTI1, "mti stairs"), ("gdlbio run", "gdlbio run")):
-        yield from ((kind, one.name, one.read_raw) for one in walks.list_set(data, name))
-    for folder in ("mems_foot", "mtig710", "corridor_lab"):
-        for path in sorted((data / folder).glob("*.csv.gz")):
-            name = path.name.removesuffix(".csv.gz")
-            if not name.endswith((".baro", ".gnss")) and "still" not in name:
-                yield "high-passed" if name == "lap_high_passed" else folder, name, walks.Real(name, path).read_raw
-    # no walks
-    for kind, pattern in NO_WALKS.items():
-        yield from ((kind, path.stem, walks.Real(path.stem, path).read_raw) for path in sorted(data.glob(pattern)))
-    yield from (("worn elsewhere", segment, partial(read_segment, data, segment)) for segment in SEGMENTS)
+    for name, kind in OTHERS.items():
+        for one in (one for one in walks.list_set(data, name) if "still" not in one.name):
+            yield "high-passed" if one.name == "lap_high_passed" else kind, one.name, one.read_raw
+    yield from ((ELSEWHERE, segment, partial(read_segment, data, segment)) for segment in SEGMENTS)
     # spoiled ones
     for k, one in enumerate(real[::8][:6]):
         change = (-np.eye(3), np.eye(3)[[1, 0, 2]], np.diag([1.0, 1.0, -1.0]))[k % 3]
-        name, load = simulated[k]
         yield CLIPPED, one.name, partial(spoil, clip, one.read_raw)
         yield "20 Hz", one.name, partial(spoil, thin_out, one.read_raw)
-        yield "loose", name, partial(spoil, partial(loosen, k), load)
+        yield "loose", simulated[k][0], partial(spoil, partial(loosen, k), simulated[k][1])
         yield "wrong axes", one.name, partial(spoil, partial(turn_gyr, change), one.read_raw)
 
 
 def list_verdicts(chosen: Namespace) -> list[Task]:
-    """All recordings, or one in so many."""
-    cases = list(list_cases(walks.data_folder(chosen.data)))[:: chosen.every]
+    """All recordings."""
+    cases = list_cases(walks.data_folder(chosen.data))
     return [Task(kind, name, partial(judge_walk, name, load, chosen.methods)) for kind, name, load in cases]
 
 
@@ -115,21 +110,17 @@ def judge_walk(name: str, load: Load, methods: Sequence[str]) -> Found:
 def judge_verdicts(table: Table) -> list[Figure]:
     """Good ones that are trusted, wrong ones that are, and others that are not."""
     figures = []
-    for method in dict.fromkeys(row["variant"] for row in table.rows):
+    for method in dict.fromkeys(variant for _, variant in table.cases):
         rows = [row for row in table.rows if row["variant"] == method]
         good = [row["word"] for row in rows if row["section"] == GOOD and not row.get("wrong")]
         wrong = [row["word"] for row in rows if row.get("wrong")]
-        mti1 = [row["word"] for row in rows if row["section"] == MTI1]
-        spoiled = [row["word"] for row in rows if row["section"] not in (*WALKED, CLIPPED)]
-        figure = partial(Figure, "verdicts", pattern="{:.0f}")
-        figures += [
-            figure(f"good walks trusted, of {len(good)}", method, good.count(TRUSTED), ASKED_SHARE * len(good)),
-            figure(f"wrong paths trusted, of {len(wrong)}", method, wrong.count(TRUSTED), high=0.0),
-            figure(f"mti1_loops trusted, of {len(mti1)}", method, mti1.count(TRUSTED), ASKED_MTI1 * len(mti1)),
-            figure(f"mti1_loops not to be used, of {len(mti1)}", method, mti1.count(UNUSABLE), high=1.0),
-            figure(f"others not trusted, of {len(spoiled)}", method, len(spoiled) - spoiled.count(TRUSTED),
-                   ASKED_SHARE * len(spoiled)),
-        ]  # fmt: skip
+        others = [row["word"] for row in rows if row["section"] not in (*WALKED, CLIPPED)]
+        for words, some, low, high in (
+            ("good walks", good, ASKED_SHARE, 1.0), ("wrong paths", wrong, 0.0, 0.0),
+            ("others", others, 0.0, 1.0 - ASKED_SHARE),
+        ):  # fmt: skip
+            share = some.count(TRUSTED) / len(some) if some else low
+            figures.append(Figure("verdicts", f"{words} trusted, share of {len(some)}", method, share, low, high))
     return figures
 
 
@@ -200,10 +191,7 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         f"Verdicts on good, spoiled and other recordings, with the errors of their paths.\n\n{__doc__}",
         list_verdicts,
         tuple(Column(word, word, "sum", "{:.0f}") for word in (*WORDS, "wrong")),
-        options={
-            "every": option(1, "one recording in so many is looked at", metavar="NTH"),
-            "methods": option(["smoother"], "methods", nargs="+", metavar="NAME"),
-        },
+        options={"methods": ["smoother"]},
         judge=judge_verdicts,
     )
 }

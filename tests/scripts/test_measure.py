@@ -11,6 +11,7 @@ from fg_nav.lab.campaign.walks import Simulated
 from fg_nav.lab.simulation import scenario, simulate
 from fg_nav.smoother import SmootherParameters
 from fg_nav.smoother.strides import place_nodes
+from fg_nav.walk import Walk
 from tests.real_data import DATA, needs_data
 from tests.scripts import load_script
 
@@ -98,8 +99,7 @@ def test_an_experiment_that_is_not_there_is_named_and_all_are_listed(capsys):
 def test_every_column_that_is_asked_is_one_that_is_measured():
     for name, one in measure.EXPERIMENTS.items():
         figures = {column.figure for column in one.columns}
-        extra = {"worst", "off, unseen", "not to be used"}
-        assert {asked.figure for asked in one.asked} <= figures | extra, name
+        assert {asked.figure for asked in one.asked} <= figures, name
 
 
 # --- the experiments -------------------------------------------------------------------------------------------------
@@ -108,7 +108,7 @@ def test_every_column_that_is_asked_is_one_that_is_measured():
 @pytest.fixture(scope="module")
 def demo():
     recording = simulate("demo", 3).recording
-    return walks.Walk("demo", recording, detect_stances(recording))
+    return Walk(recording, detect_stances(recording), recording.truth)
 
 
 def test_a_solution_is_measured_and_one_that_fails_says_why(demo):
@@ -137,19 +137,17 @@ def test_each_part_left_out_is_a_smoother_of_its_own(demo):
     assert 0.01 < scale["plain zero velocity"] - scale["default"] < 0.04
 
 
-def test_walks_behind_passes_and_a_staircase_are_found():
+def test_walks_behind_and_a_staircase_are_found():
     def row(section, walk, variant, **more):
         return {"section": section, "walk": walk, "variant": variant, **more}
 
     rows = [row("gdin", "a", "inertial", rmse_2d_m=0.30), row("gdin", "a", "iez", rmse_2d_m=0.26)]
     rows += [row("gdin", "b", "inertial", rmse_2d_m=0.30), row("gdin", "b", "iez", rmse_2d_m=0.28)]  # behind by 2 cm
-    ends = {"1_13_straight_a": (100.0, 0.1), "1_13_straight_b": (101.0, 0.0), "1_14_stair_up": (9.0, 3.0)}
-    ends["1_14_stair_down"] = (9.0, -3.2)
+    ends = {"1_13_straight_a": (100.0, 0.1), "1_14_stair_up": (9.0, 3.0), "1_14_stair_down": (9.0, -3.2)}
     rows += [row("mtig, barometer", walk, "inertial", ground_m=d, z_m=z) for walk, (d, z) in ends.items()]
     found = experiments.Table(rows)
     assert accuracy.list_behind(found) == [("gdin", "a", 0.30, 0.26)]
     by_name = {figure.name: figure for figure in accuracy.judge_real_walks(found)}
-    assert by_name["2 passes of a corridor, apart (%)"].measured == pytest.approx(100 / 100.5)
     assert by_name["stairs up and down, apart (m)"].measured == pytest.approx(0.2)
     assert by_name["stairs up and down, apart (m)"].mark == "missed"
 
@@ -188,7 +186,9 @@ def test_loops_are_measured_printed_and_stored(tmp_path, capsys):
     given = ["real-walks", "--data", str(DATA), "--only", "loops", "--per-walk", "--save", "--store", str(tmp_path)]
     measure.main(given)
     content = json.loads((tmp_path / "real-walks.json").read_text())
-    assert [row["walk"] for row in content["rows"][::2]] == list(walks.LOOPS)
+    assert [row["walk"] for row in content["rows"][::2]] == [
+        f"{name} {word}" for name in ("openshoe", "xio") for word in walks.SETS[name][1].split()
+    ]
     assert all(row["ground_m"] < 2.0 for row in content["rows"])
     out = capsys.readouterr().out
     assert "openshoe 13" in out
@@ -197,14 +197,15 @@ def test_loops_are_measured_printed_and_stored(tmp_path, capsys):
 
 @needs_data
 def test_recordings_are_prepared_as_a_run_does():
-    walk = next(one for one in walks.list_set(DATA, "mti round") if one.name == "hallway_walk_trial2").read()
+    walk = next(one for one in walks.list_set(DATA, "mti round") if one.name == "hallway_walk_trial2").prepare()
     assert len(walk.recording) == 3565  # a header, and a row that is no sample
     assert any("accelerometer bias" in note for note in walk.recording.provenance.notes)
     aided = next(one for one in walks.list_set(DATA, "mtig", True) if one.name.startswith("2022_1_13_straight_run"))
-    assert len(aided.read().recording.pressure) == len(aided.read().recording)
-    surveyed = next(one for one in walks.list_set(DATA, "gdin") if one.name == "gdin 36").read()
+    recording = aided.prepare().recording
+    assert len(recording.pressure) == len(recording)
+    surveyed = next(one for one in walks.list_set(DATA, "gdin") if one.name == "gdin 36").prepare()
     assert surveyed.recording.mag is None
-    assert surveyed.recording.truth is not None
+    assert surveyed.truth is not None
 
 
 def test_missing_recordings_are_one_sentence(tmp_path, capsys):
@@ -228,9 +229,8 @@ def test_two_feet_are_measured_alone_and_together():
 def test_lines_of_a_walk_in_progress_are_held_against_its_end():
     walk = Simulated("demo", "smooth", 3).prepare("perfect")
     found = online.measure_pushed(walk, walk.options.heading_rad)
-    assert found["worst"] >= max(found[name] for name in online.COMPONENTS) - 1e-9
+    assert 0 < found["worst"] < 10.0
     assert found["gap (m)"] < 0.3
-    assert found["found (%)"] > 90
     assert 0 < found["batch (m)"] < 1.0
 
 
