@@ -87,7 +87,6 @@ CLOCKS: Mapping[str, Mutation[Floats]] = {
 """Of the stamps (n,) from 0 on."""
 
 SAMPLE_MUTATIONS = (*CHANGES, *STRETCHES, *CLOCKS)
-DEFECTS = ("lost", "gap", "restart", "sent again", "far ahead")  # of a sensor that is otherwise right
 
 
 def draw_stretch(rows: Floats, rng: Rng) -> slice:
@@ -271,7 +270,7 @@ NAMES = (
 
 
 def change_tree(tree: Any, rng: Rng, breaks: bool) -> Any:
-    """Vary one to three leaves of JSON within their type; or break it: any leaf, no key."""
+    """Vary one to three leaves of JSON within their type, matrices symmetric; or break it: any leaf, no key."""
     tree = copy.deepcopy(tree)
     for _ in range(rng.integers(1, 4)):
         places = [(h, k) for h, k in list_places(tree) if breaks or not isinstance(h[k], dict | list)]
@@ -289,6 +288,9 @@ def change_tree(tree: Any, rng: Rng, breaks: bool) -> Any:
             holder[key] = (not leaf) if isinstance(leaf, bool) else leaf + draw(rng, (-1, 1, 2, 100))
         else:
             holder[key] = vary_number(leaf, rng) if isinstance(leaf, float) else draw(rng, NAMES)
+    for matrix in [h[k] for h, k in list_places(tree) if isinstance(h[k], list) and not breaks]:
+        for row in range(len(matrix) if all(isinstance(r, list) and len(r) == len(matrix) for r in matrix) else 0):
+            matrix[row][:row] = [matrix[k][row] for k in range(row)]
     return tree
 
 

@@ -11,7 +11,7 @@ and number alone, and run by the command line's own entry point, in a folder of 
 
 ========== ===========================================================================================================
 refused    exit code 1, one sentence, and no result left behind
-accepted   exit code 0; all numbers finite, stamps rising, sigmas above zero and growing where samples are lost
+accepted   exit code 0; all numbers finite, stamps rising, sigmas above zero
 never      another exit code, a traceback, a warning of Python's, or a path faster than `MAX_M_S` or with a stride
            over `MAX_STRIDE_M` that is neither called "not to be used" nor doubtful with a reason that names it
 ========== ===========================================================================================================
@@ -41,7 +41,7 @@ from functools import cache, partial
 from multiprocessing import get_context
 from pathlib import Path
 from threading import local
-from typing import Any, TypeAlias
+from typing import TypeAlias
 from unittest.mock import patch
 
 import numpy as np
@@ -52,6 +52,7 @@ sys.path += [str(Path(__file__).resolve().parents[k]) for k in (1, 2)]  # the sc
 
 import harness
 import walks
+from experiments import find_truth
 from fuzz import mutations as wrong
 from fuzz.mutations import Rng, draw
 from harness import option
@@ -59,8 +60,7 @@ from harness import option
 from fg_nav import cli
 from fg_nav.arrays import Floats
 from fg_nav.columns.mapping import CANONICAL
-from fg_nav.errors import RecordingError
-from fg_nav.io import read
+from fg_nav.io import read, write_tum
 from fg_nav.lab.simulation import SCENARIOS, Choices, simulate
 from fg_nav.lab.store.files import make_folder
 from fg_nav.online import follow
@@ -68,8 +68,8 @@ from fg_nav.online.buffer import rows_of
 from fg_nav.online.record import LINES
 from fg_nav.recording import RawRecording
 from fg_nav.report.terminal import progress
-from fg_nav.samples.intake import Intake
 from fg_nav.verdict import UNUSABLE
+from tests.io.every_format import SAMPLES, files_of
 
 Words: TypeAlias = list[str]
 
@@ -96,15 +96,8 @@ class Fate:
     seconds: float = 0.0
 
 
-@dataclass
-class Input:
-    """A command, what was done to its input, standard input, and from when to when samples are lost, s."""
-
-    words: Words
-    what: str
-    stdin: bytes | None = None
-    lost: tuple[float, float] | None = None
-
+Input: TypeAlias = tuple[Words, str, bytes | None]
+"""A command, what was done to its input, and standard input."""
 
 # --- clean inputs ----------------------------------------------------------------------------------------------------
 
@@ -122,9 +115,7 @@ sensor = {rate_hz = 100, gyr = {noise_density = 1e-4}}
 CONFIGURED = ("smoother", "iez", "qsf", "online")  # methods whose config.json is damaged
 GRAPHS = ("smoother", "inertial", "online")  # methods that take known positions
 PREPARED = (
-    "simulate demo --rate 100 --force --out walk",
-    "simulate demo --rate 100 --worn pocket --force --out pocket",
-    "calibrate walk/recording.csv --force --out sensor.json",
+    "calibrate long.csv --force --out sensor.json",
     *(f"run walk.csv --method {one} --heading 10 --plots none --force --out {one}" for one in CONFIGURED),
     "stream - --plots none --force --out out --record foot < walk-begin.csv",
     "stream - --plots none --force --out out --record lagged --lag 12 < walk-begin.csv",
@@ -151,27 +142,26 @@ class Store:
             recording = read(path) if path else simulate(SCENARIOS[name], 1, Choices(rate_hz=100.0)).recording
             last = int(np.searchsorted(recording.t, recording.t[0] + MAX_S))
             np.save(self.folder / f"{name}.npy", rows_of(recording.slice(0, last))[:, :10])
-        for k, command in enumerate(PREPARED):
-            words, _, stdin = command.partition(" < ")
-            given = (self.folder / stdin).read_bytes() if stdin else None
-            code, _, err = call([*words.split(), "--quiet"], self.folder, given)
-            assert code == 0, err
-            if k == 1:
-                self._cut_walks()
-        for method in CONFIGURED:
-            shutil.copy(self.folder / method / "config.json", self.folder / f"{method}.json")
-
-    def _cut_walks(self) -> None:
-        for name in ("walk", "pocket"):
-            header, *rows = (self.folder / name / "recording.csv").read_text().splitlines(keepends=True)
-            for end, of in (("", rows[:1600]), ("-begin", rows[:1200]), ("-rest", rows[1100:1600])):
-                (self.folder / f"{name}{end}.csv").write_text("".join([header, *of]))
-        truth = np.loadtxt(shutil.copy(self.folder / "walk" / "truth.tum", self.folder))
-        steps = [f"{k},{x:.3f},{y:.3f}" for k, (x, y) in enumerate(truth[:930:93, 1:3])]
-        fixes = [f"{t:.2f},{x:.2f},{y:.2f},,0.3" for t, x, y in truth[300:1500:200, :3] - [0.0, *truth[0, 1:3]]]
+        for name, choices in (("pocket", Choices(rate_hz=100.0, worn="pocket")), ("walk", Choices(rate_hz=100.0))):
+            recording = simulate("demo", 1, choices).recording
+            for end, part in (("", slice(1600)), ("-begin", slice(1200)), ("-rest", slice(1100, 1600))):
+                write_rows(rows_of(recording)[part, :10], self.folder / f"{name}{end}.csv")
+        write_rows(rows_of(recording)[:, :10], self.folder / "long.csv")
+        truth, nav_R_body = find_truth(recording)
+        t, place = truth.t, truth.position - truth.position[0]
+        write_tum(self.folder / "truth.tum", t, place, nav_R_body)
+        steps = [f"{k},{x:.3f},{y:.3f}" for k, (x, y) in enumerate(place[:930:93, :2])]
+        fixes = [f"{t[k]:.2f},{place[k, 0]:.2f},{place[k, 1]:.2f},,0.3" for k in range(300, 1500, 200)]
         (self.folder / "footprints.csv").write_text("\n".join(["stride,x_m,y_m", *steps, ""]))
         (self.folder / "fixes.csv").write_text("\n".join(["time_s,x_m,y_m,z_m,sigma_m", *fixes, ""]))
         (self.folder / "scenario.toml").write_text(SCENARIO)
+        for command in PREPARED:
+            words, _, stdin = command.partition(" < ")
+            rows = (self.folder / stdin).read_bytes() if stdin else None
+            code, _, err = call([*words.split(), "--quiet"], self.folder, rows)
+            assert code == 0, err
+        for method in CONFIGURED:
+            shutil.copy(self.folder / method / "config.json", self.folder / f"{method}.json")
 
 
 # --- recordings ------------------------------------------------------------------------------------------------------
@@ -210,17 +200,14 @@ def write_rows(rows: Floats, path: Path) -> Path:
 def damage(path: Path, rng: Rng) -> str:
     """Damage a file in place: its bytes, of a text its rows and fields, of JSON its tree; in words how."""
     data = path.read_bytes()
-    kind = draw(rng, ("bytes", "broken", "varied", "varied")) if b"\0" not in data[:1000] else "bytes"
+    kind = draw(rng, ("bytes", "scramble", "vary", "vary")) if b"\0" not in data[:1000] else "bytes"
     if path.suffix == ".json" and data.rstrip().endswith((b"}", b"]")) and rng.random() < 0.8:
         kind, breaks = "tree", rng.random() < 0.4
         data = json.dumps(wrong.change_tree(json.loads(data), rng, breaks)).encode("utf-8", "replace")
     elif kind == "bytes":
         data, kind = wrong.mutate_bytes(data, rng)
     else:
-        text, change = (
-            data.decode("utf-8", "surrogateescape"),
-            wrong.scramble_table if kind == "broken" else wrong.vary_table,
-        )
+        text, change = data.decode("utf-8", "surrogateescape"), getattr(wrong, f"{kind}_table")
         data = change(text, rng, max(",;\t ", key=text[:2000].count)).encode("utf-8", "surrogateescape")
     path.write_bytes(data)
     return kind
@@ -231,13 +218,11 @@ def make_samples(store: Store, rng: Rng, folder: Path) -> Input:
     piece, name = cut_piece(store, rng)
     rows, what = wrong.mutate_samples(piece, rng)
     write_rows(rows, folder / "walk.csv")
-    return Input(["run", "walk.csv", *choose_method(rng, name)], f"{name}: {what}")
+    return ["run", "walk.csv", *choose_method(rng, name)], f"{name}: {what}", None
 
 
 def make_format(store: Store, rng: Rng, folder: Path) -> Input:
     """A file in one of the formats, damaged as bytes or as a table."""
-    from tests.io.every_format import SAMPLES, files_of
-
     rows, name = cut_piece(store, rng)
     mag = np.tile([20.0, 0.0, -43.0], (len(rows), 1)) if np.isnan(rows[:, 7:]).all() else rows[:, 7:]
     raw = RawRecording(rows[:, 0], rows[:, 1:4], rows[:, 4:7], np.arange(2, len(rows) + 2), mag=mag)
@@ -245,55 +230,42 @@ def make_format(store: Store, rng: Rng, folder: Path) -> Input:
     path = SAMPLES[kind].write(raw, folder)
     what = damage(draw(rng, files_of(path)), rng)
     more = ["--format", draw(rng, FORMAT_NAMES)] if rng.random() < 0.1 else []
-    return Input(["run", path.name, *more, *choose_method(rng, name)], f"{kind} of {name}: {what}")
-
-
-def list_files(source: Path) -> list[Path]:
-    """List a file, or those of a folder."""
-    return [path for path in sorted(source.rglob("*")) if path.is_file()] if source.is_dir() else [source]
+    return ["run", path.name, *more, *choose_method(rng, name)], f"{kind} of {name}: {what}", None
 
 
 @cache
 def list_real(data: Path) -> list[Path]:
     """List files that may be recordings, and folders that hold one in several files."""
-    files = [path for path in list_files(data) if path.suffix not in (".md", ".tsv") and "LICENSE" not in path.name]
-    folders = [path for path in (data / "formats").rglob("*") if path.is_dir() and 1 < len(list_files(path)) < 10]
+    files = [path for path in files_of(data) if path.suffix not in (".md", ".tsv") and "LICENSE" not in path.name]
+    folders = [path for path in (data / "formats").rglob("*") if path.is_dir() and 1 < len(files_of(path)) < 10]
     return [*sorted(folders), *(path for path in files if path.suffix != ".mat" or path.stat().st_size < REAL_BYTES)]
 
 
 def make_real(store: Store, rng: Rng, folder: Path) -> Input:
     """A real file, or a folder of files that belong together, one of them damaged."""
-    if store.data is None:
-        return make_format(store, rng, folder)
+    assert store.data is not None
     source, copies = draw(rng, list_real(store.data)), []
-    for path in list_files(source):
+    for path in files_of(source):
         data, copy = path.read_bytes(), folder / path.relative_to(source.parent)
         copy.parent.mkdir(parents=True, exist_ok=True)
         copy.write_bytes(data if b"\0" in data[:4000] else data[: draw(rng, (20_000, 200_000, 600_000))])
         copies.append(copy)
     target, name = draw(rng, copies), source.relative_to(store.data).as_posix()
-    return Input(["run", source.name, *choose_method(rng, name)], f"{name}: {target.name}: {damage(target, rng)}")
+    return ["run", source.name, *choose_method(rng, name)], f"{name}: {target.name}: {damage(target, rng)}", None
 
 
 def make_stream(store: Store, rng: Rng, folder: Path) -> Input:
-    """Rows on standard input: wrong samples, wrong text, or both; or losses alone, which must show in the sigmas."""
+    """Rows on standard input: wrong samples, wrong text, or both."""
     rows, name = cut_piece(store, rng)
-    what = kind = draw(rng, ("samples", "text", "both", "losses"))
+    what = kind = draw(rng, ("samples", "text", "both"))
     if kind != "text":
-        rows, what = wrong.mutate_samples(rows, rng, wrong.DEFECTS if kind == "losses" else wrong.SAMPLE_MUTATIONS)
+        rows, what = wrong.mutate_samples(rows, rng)
     path = write_rows(rows, folder / "rows")
-    if kind in ("text", "both"):
+    if kind != "samples":
         what += f", {damage(path, rng)}"
     mount = ["--mount", "pocket"] if name.startswith(IN_POCKET) else draw(rng, ([], [], ["--lag", "10"]))
     more = draw(rng, ([], [], [], [], ["--no-mag"], ["--polish"], ["--heading=90"], ["--record=record.csv"]))
-    given = Input(["stream", "-", "--plots", "none", *mount, *more], f"{name}: {what}", path.read_bytes())
-    if kind == "losses" and "pocket" not in mount:
-        t = np.zeros(0)
-        with suppress(RecordingError):  # refused, as the program must
-            t = Intake().push(np.column_stack([rows, np.full(len(rows), np.nan)]), at_end=True)[:, 0]
-        k = int(np.argmax(np.diff(t))) if len(t) > 1 else 0
-        given.lost = (float(t[k]), float(t[k + 1])) if len(t) > 1 else None
-    return given
+    return ["stream", "-", "--plots", "none", *mount, *more], f"{name}: {what}", path.read_bytes()
 
 
 # --- companions and options ------------------------------------------------------------------------------------------
@@ -326,7 +298,7 @@ def make_companion(commands: Sequence[str], store: Store, rng: Rng, folder: Path
             shutil.copy(store.folder / name, folder)
     target = folder / draw(rng, damaged.split())
     what = f"{target.name}: {damage(target, rng)}"
-    return Input(command.split(), what, (store.folder / stdin).read_bytes() if stdin else None)
+    return command.split(), what, (store.folder / stdin).read_bytes() if stdin else None
 
 
 CONFIGS: Mapping[str, bytes] = {
@@ -366,7 +338,7 @@ def make_options(store: Store, rng: Rng, folder: Path) -> Input:
         (folder / name).write_bytes(content)
     words = ["--method", draw(rng, ("smoother", "iez", "online"))]
     words += [f"{name}={draw(rng, ['', *OPTIONS[name].split(' ')])}" for name in rng.choice(list(OPTIONS), 2)]
-    return Input(["run", "walk.csv", "--plots", "none", *words], " ".join(words)[:200])
+    return ["run", "walk.csv", "--plots", "none", *words], " ".join(words)[:200], None
 
 
 KINDS: Mapping[str, tuple[int, Callable[[Store, Rng, Path], Input]]] = {
@@ -383,7 +355,6 @@ KINDS: Mapping[str, tuple[int, Callable[[Store, Rng, Path], Input]]] = {
 
 MAX_M_S, MAX_STRIDE_M = 12.0, 4.0  # beyond these a path is no walk, and must be called not to be used
 SPEED_S = 0.1  # over which a speed is measured: a causal filter moves its path at once at a footfall
-LOST_S, GROWTH_M_S = 1.0, 0.05  # a loss that must show in the height's sigma, and by how much a second, in quadrature
 USAGE = 2  # exit code of words that the command line does not understand
 
 
@@ -393,16 +364,15 @@ def run_case(store: Store, case: Case, keep: Path | None = None) -> Fate:
     folder = Path(tempfile.mkdtemp(prefix="fg-nav-fuzz-")) if keep is None else keep
     folder.mkdir(exist_ok=True)
     try:
-        given = KINDS[case.kind][1](store, rng, folder)
-        given.words += ["--out", "out"]
-        fate.what, fate.command = given.what, " ".join(["fg-nav", *given.words])
+        words, fate.what, stdin = KINDS[case.kind][1](store, rng, folder)
+        fate.command = " ".join(["fg-nav", *words, "--out", "out"])
         began = time.process_time()
         with warnings.catch_warnings(record=True) as warned:
             warnings.simplefilter("always")
-            answer = call(given.words, folder, given.stdin)
+            answer = call([*words, "--out", "out"], folder, stdin)
         fate.seconds = time.process_time() - began
         places = {f"{one.category.__name__}: {one.message} [{one.filename}:{one.lineno}]" for one in warned}
-        fate.faults = [*sorted(f"warning: {place}" for place in places), *judge_answer(fate, *answer, folder, given)]
+        fate.faults = [*sorted(f"warning: {place}" for place in places), *judge_answer(fate, *answer, folder)]
     finally:
         if keep is None:
             shutil.rmtree(folder, ignore_errors=True)
@@ -426,7 +396,7 @@ def call(words: Words, folder: Path, stdin: bytes | None = None) -> tuple[int, s
     return code, out.buffer.read().decode("utf-8", "replace"), err.getvalue()
 
 
-def judge_answer(fate: Fate, code: int, out: str, err: str, folder: Path, given: Input) -> Iterator[str]:
+def judge_answer(fate: Fate, code: int, out: str, err: str, folder: Path) -> Iterator[str]:
     """Note what became of a case, and yield what is wrong with that."""
     lines = [line for line in err.splitlines() if line.strip() and not line.startswith("note: ")]
     fate.said = lines[-1].removeprefix("fg-nav: ") if lines else ""
@@ -436,7 +406,7 @@ def judge_answer(fate: Fate, code: int, out: str, err: str, folder: Path, given:
         yield f"exception: {' '.join(raised[-1:])[:200]} [{' '.join(places[-1:])}]"
     elif code == cli.EXIT_USER or (code == USAGE and fate.case.kind in ("options", "config")):
         fate.outcome = "refused"
-        one = len(lines) == 1 or given.stdin is not None or code == USAGE
+        one = len(lines) == 1 or fate.case.kind in ("stream", "record") or code == USAGE
         if not one or not lines or not (code == USAGE or lines[-1].startswith("fg-nav: ")):
             yield f"refused in {len(lines)} lines: {' | '.join(lines)[:300]}"
         if (folder / "out").exists():
@@ -447,9 +417,7 @@ def judge_answer(fate: Fate, code: int, out: str, err: str, folder: Path, given:
         fate.outcome = "accepted"
         told = [line for line in out.splitlines() if line.startswith("{")]
         yield from (f"not finite: line {line[:200]}" for line in told if "NaN" in line or "Infinity" in line)
-        if given.lost is not None:
-            yield from judge_loss([json.loads(line) for line in told], *given.lost)
-        if given.words[0] != "simulate":
+        if fate.case.kind != "scenario":
             summary = json.loads((folder / "out" / "summary.json").read_text())
             fate.said = str(summary.get("verdict"))
             missing = [key for key in ("verdict", "distance_m", "duration_s") if summary.get(key) is None]
@@ -485,15 +453,6 @@ def judge_path(path: Floats, strides: pd.DataFrame, is_marked: bool) -> Iterator
     longest = float(np.hypot(np.diff(strides["x_m"]), np.diff(strides["y_m"])).max(initial=0.0))
     if longest > MAX_STRIDE_M:
         yield f"absurd: a stride of {longest:.1f} m"
-
-
-def judge_loss(told: Sequence[Mapping[str, Any]], begin: float, end: float) -> Iterator[str]:
-    """Yield whether the sigma of the height is larger behind a loss than before it, as the lines of the moment say."""
-    now = [(line["t"], line["position_sigma_m"][2]) for line in told if line.get("kind") == "now"]
-    before, behind = [s for t, s in now if t <= begin], [s for t, s in now if t >= end]
-    lost_s = end - begin
-    if lost_s >= LOST_S and before and behind and behind[0] ** 2 - before[-1] ** 2 < (GROWTH_M_S * lost_s) ** 2:
-        yield f"sigma: height {before[-1]:.3f} m before, {behind[0]:.3f} m behind {lost_s:.1f} s without a sample"
 
 
 # --- the campaign ----------------------------------------------------------------------------------------------------

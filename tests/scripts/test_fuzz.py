@@ -79,7 +79,7 @@ def test_a_worker_that_dies_or_hangs_is_named_and_another_goes_on(
 def test_what_must_not_be_is_seen(tmp_path: Path) -> None:
     def fault(code: int, err: str) -> str:
         fate = run.Fate(run.Case("samples", 1, 1))
-        return ";".join(run.judge_answer(fate, code, "", err, tmp_path, run.Input(["run", "walk.csv"], "nothing")))
+        return ";".join(run.judge_answer(fate, code, "", err, tmp_path))
 
     assert fault(1, "fg-nav: it is wrong.\n") == ""
     assert fault(1, "one\ntwo\n").startswith("refused in 2 lines")
@@ -98,9 +98,6 @@ def test_numbers_that_must_not_be_are_seen() -> None:
     strides.loc[1, "sigma_x_m"], path[3, 1] = 0.0, np.nan
     words = [words.split(":")[0] for words in run.judge_path(path, strides, is_marked=True)]
     assert words == ["not finite", "sigma not above zero"]
-    lines = [{"kind": "now", "t": t, "position_sigma_m": [0.1, 0.1, s]} for t, s in ((1.0, 0.1), (9.0, 0.1))]
-    assert [words[:5] for words in run.judge_loss(lines, 2.0, 5.0)] == ["sigma"]
-    assert not list(run.judge_loss(lines, 2.0, 2.5))
 
 
 def test_kinds_have_their_shares_at_any_moment() -> None:
