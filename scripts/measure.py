@@ -25,14 +25,14 @@ from pathlib import Path
 from typing import Any
 
 import harness
-from experiments import FAILURE, SUMMARIES, Experiment, Table, Task, attempt, sum_up
+from experiments import FAILURE, SUMMARIES, Experiment, Table, Task, measure_variants, sum_up
 from harness import option
 
 from fg_nav.errors import SimulationError
 from fg_nav.lab.store.files import make_folder, write_text
 from fg_nav.report.terminal import console
 
-MODULES = ("accuracy", "coverage", "places", "feet", "pocket", "online", "cost", "peers")
+MODULES = ("accuracy", "coverage", "places", "worn", "online", "cost")
 EXPERIMENTS: Mapping[str, Experiment] = {
     name: one for module in MODULES for name, one in import_module(f"experiments.{module}").EXPERIMENTS.items()
 }
@@ -94,12 +94,14 @@ def select_tasks(experiment: Experiment, chosen: Namespace) -> list[Task]:
 
 def run_tasks(tasks: Sequence[Task], jobs: int) -> Table:
     """Measure all walks, in their order."""
-    rows: list[Mapping[str, Any]] = []
-    for task, found in zip(tasks, harness.map_walks(attempt, [task.measure for task in tasks], jobs), strict=True):
-        variants: Mapping[str, Any] = {"all": found} if FAILURE in found else found  # it could not be read or prepared
-        for variant, figures in variants.items():
-            rows.append({"section": task.section, "walk": task.walk, "variant": variant, **figures})
-    return Table(rows)
+    found = harness.map_walks(measure_variants, [task.measure for task in tasks], jobs)
+    return Table(
+        [
+            {"section": task.section, "walk": task.walk, "variant": variant, **figures}
+            for task, variants in zip(tasks, found, strict=True)
+            for variant, figures in variants.items()
+        ]
+    )
 
 
 def print_sums(experiment: Experiment, table: Table) -> None:

@@ -12,7 +12,7 @@ from argparse import Namespace
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, TypeAlias
 
 import harness
 import numpy as np
@@ -25,11 +25,10 @@ from fg_nav.recording import Recording
 from fg_nav.truth import TrajectoryTruth
 from fg_nav.walk import Options
 
-T = TypeVar("T")
 Value: TypeAlias = float | int | str | None
 Figures: TypeAlias = Mapping[str, Value]
-Found: TypeAlias = Mapping[str, Figures]
-"""Figures by variant, of one walk."""
+Found: TypeAlias = Mapping[str, Figures | Callable[[], Figures]]
+"""Figures by variant, of one walk, or what measures them."""
 
 FAILURE = "failure"  # In place of figures: why there are none.
 
@@ -53,12 +52,19 @@ class Task:
     measure: Callable[[], Found]
 
 
-def attempt(call: Callable[[], T]) -> T | Figures:
-    """Return the figures of a walk or of one variant, or why there are none."""
+def measure_variants(measure: Callable[[], Found]) -> dict[str, Figures]:
+    """Measure all variants on a walk; of one that fails, or of a walk that cannot be read, the reason."""
+    found: dict[str, Figures] = {}
     try:
-        return call()
+        variants = measure()
     except FgNavError as error:
-        return {FAILURE: str(error)}
+        return {"all": {FAILURE: str(error)}}
+    for name, one in variants.items():
+        try:
+            found[name] = one() if callable(one) else one
+        except FgNavError as error:
+            found[name] = {FAILURE: str(error)}
+    return found
 
 
 def list_seeds(chosen: Namespace, measures: Mapping[str, Callable[[int], Found]]) -> list[Task]:
@@ -217,6 +223,7 @@ def write_row(cells: Sequence[str]) -> str:
     return f"| {' | '.join(escaped)} |"
 
 
-def write_table(heads: Sequence[str], rows: Iterable[Sequence[str]], words: int = 1) -> list[str]:
-    """Write a table in Markdown, whose first columns are words and the others figures."""
-    return [write_row(heads), "|---" * words + "|---:" * (len(heads) - words) + "|", *map(write_row, rows)]
+def write_table(heads: Sequence[str], rows: Iterable[Sequence[str]], words: int = 1, last: int = 0) -> list[str]:
+    """Write a table in Markdown, whose first and last columns are words and the others figures."""
+    marks = "|---" * words + "|---:" * (len(heads) - words - last) + "|---" * last + "|"
+    return [write_row(heads), marks, *map(write_row, rows)]

@@ -24,7 +24,7 @@ from harness import Figure, option
 from scipy.spatial.transform import Rotation
 from walks import Real
 
-from experiments import Asked, Column, Experiment, Figures, Found, Table, Task, attempt, write_table
+from experiments import Asked, Column, Experiment, Figures, Found, Table, Task, write_table
 from fg_nav.arrays import Floats, interpolate_columns
 from fg_nav.detection import detect_stances
 from fg_nav.detection.stance import Stances
@@ -81,14 +81,14 @@ def measure_real(section: str, real: Real, estimates: Mapping[str, Estimate]) ->
     """Run the estimates on a recording; beside the filter, what came with it and the smoother with the compass."""
     walk = real.prepare(labelled=section == LABELLED)
     some = {INERTIAL: estimates[INERTIAL]} if AIR in section else estimates
-    found: dict[str, Figures] = {name: attempt(partial(measure_solution, walk, one)) for name, one in some.items()}
+    found: dict[str, Any] = {name: partial(measure_solution, walk, one) for name, one in some.items()}
     if IEZ in some and isinstance(walk.truth, FootprintTruth) and walk.truth.t is not None:
         track = interpolate_columns(walk.truth.t, walk.recording.t, read_pyshoe_track(real.path))
         place, surveyed = lift_to_space(track), lift_to_space(walk.truth.xy)
         error = align(place, surveyed).apply(place) - surveyed
         found[STORED] = {RMSE: float(np.sqrt(np.mean(np.sum(error**2, axis=1))))}
     if IEZ in some and section == walks.GDIN:
-        found[COMPASS] = attempt(lambda: {RMSE: run_method(real.prepare(Options()), COMPASS).metrics.rmse_2d_m})
+        found[COMPASS] = lambda: {RMSE: run_method(real.prepare(Options()), COMPASS).metrics.rmse_2d_m}
     return found
 
 
@@ -457,7 +457,7 @@ def measure_methods(real: Real, methods: Sequence[str]) -> Found:
             return {**found, "error": outcome.metrics.rmse_2d_m}
         return {**found, "error": outcome.metrics.closure_percent, **measure_end(outcome.solution)}
 
-    return {name: attempt(partial(measure, name)) for name in methods}
+    return {name: partial(measure, name) for name in methods}
 
 
 def write_pairs(table: Table) -> list[str]:

@@ -1,12 +1,15 @@
-"""What the estimators cost: a sample, a footfall of a walk in progress, and a command from its start to its end.
+"""What the estimators cost: a sample, a command from its start to its end, and other programs on the same samples.
 
 Times are of the processor, and judged as ratios within one run: times differ between machines. What is repeated counts
-by its least time, that of an idle machine. With `--jobs` of one alone they are true.
+by its least time, that of an idle machine. With `--jobs` of one alone they are true. Other programs have the samples as
+recorded, default parameters, and the magnetometer where they use one; they run in an interpreter of their own
+(`--python`, with `pip install gaitmap vqf`), by `scripts/bench/peer_runner.py`.
 """
 
 from __future__ import annotations
 
 import os
+import subprocess
 import sys
 import tempfile
 from argparse import Namespace
@@ -14,30 +17,33 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from subprocess import DEVNULL, Popen
-from time import perf_counter, sleep
+from time import perf_counter
+from typing import Any
 
 import gtsam
 import numpy as np
-from harness import FIRST_SEED, measure_cpu, option
-from stress import HEADER, Rows, read_memory_mb
-from walks import simulate_long_walk
+import walks
+from harness import FIRST_SEED, measure_cpu, option, seeds_of
+from scipy.spatial.transform import Rotation
+from stress import HEADER, Rows
+from walks import Real, simulate_long_walk
 
-from experiments import Asked, Column, Experiment, Figures, Found, Task
+from experiments import FAILURE, Asked, Column, Experiment, Figures, Found, Table, Task, write_table
 from fg_nav.detection import detect_stances
+from fg_nav.detection.stance import Stances
+from fg_nav.ekf import run_iez
 from fg_nav.errors import SimulationError
+from fg_nav.evaluation.comparison import align, interpolate_truth
 from fg_nav.io import write_canonical
 from fg_nav.lab.simulation import simulate
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import OnlineOptions, rows_of
-from fg_nav.online.estimates import StanceEstimate
-from fg_nav.online.resolve import Solver, SolverProcess, WalkSolver
-from fg_nav.online.resolve import Task as Solving
-from fg_nav.online.window import AnchorState
 from fg_nav.pipeline import prepare_walk, run_method
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.strides import POSITION_DENSITY
+from fg_nav.solution import Solution
+from fg_nav.truth import TrajectoryTruth
 from fg_nav.walk import Options, Walk
 
 SEED = 1
@@ -116,62 +122,6 @@ def follow_walk(recording: Recording) -> None:
     navigator.close()
 
 
-# --- a footfall ------------------------------------------------------------------------------------------------------
-
-BLOCK_S, FOOTFALLS_HZ = 0.1, 100.0  # samples that come at once, and how many a second
-PERCENTILES = {"p50": 50, "p99": 99, "longest": 100}
-
-
-def list_footfalls(chosen: Namespace) -> list[Task]:
-    """One walk in progress."""
-    return [Task("the whole walk", f"{chosen.minutes:g} min", partial(measure_footfalls, chosen.minutes))]
-
-
-def measure_footfalls(minutes: float) -> Found:
-    """Time each push that returns a line, and what the memory of both processes is at the end."""
-    recording = simulate_long_walk(minutes, SEED, FOOTFALLS_HZ, "indoor")
-    navigator, ms = OnlineNavigator(OnlineOptions(heading_rad=0.0)), list[float]()
-    solver = PacedSolver(navigator)
-    block = round(BLOCK_S * FOOTFALLS_HZ)
-    for start in range(0, len(recording), block):
-        part, idle_s = np.s_[start : start + block], solver.idle_s
-        mag = None if recording.mag is None else recording.mag[part]
-        began = perf_counter()
-        lines = navigator.push(recording.t[part], recording.acc[part], recording.gyr[part], mag)
-        elapsed_s = perf_counter() - began - (solver.idle_s - idle_s)
-        if any(isinstance(line, StanceEstimate) for line in lines):
-            ms.append(1e3 * elapsed_s)
-    memory_mb = read_memory_mb("self") + read_memory_mb(solver.process.pid or 0)
-    solver.close()
-    found = {name: float(np.percentile(ms, q)) for name, q in PERCENTILES.items()}
-    return {"online": {**found, "footfalls": len(ms), "memory": memory_mb}}
-
-
-class PacedSolver(Solver):
-    """Is given the time that it would have had; `idle_s` is how long it was waited for within that."""
-
-    def __init__(self, navigator: OnlineNavigator) -> None:
-        options, self._buffer = navigator.options, navigator.buffer
-        self.process = SolverProcess({None: options})
-        super().__init__(WalkSolver(options, self._buffer), self.process)
-        self.idle_s, self._begun = 0.0, (0.0, 0.0)
-        navigator._solver = navigator.smoother.solver = self
-
-    def begin(self, task: Solving) -> None:
-        """As it does, and note when."""
-        self._begun = perf_counter(), self._buffer.newest_s
-        super().begin(task)
-
-    def take(self) -> AnchorState | None:
-        """As it does, after as long as the walk took since the task."""
-        began = perf_counter()
-        due = self._begun[0] + self._buffer.newest_s - self._begun[1]
-        while not self.is_ready() and perf_counter() < due:
-            sleep(0.001)
-        self.idle_s += perf_counter() - began
-        return super().take()
-
-
 # --- a command -------------------------------------------------------------------------------------------------------
 
 LINES, REPEATS = 100_000, 3  # written at once; of the start
@@ -182,7 +132,9 @@ CPU, WALL, MEMORY = "processor (s)", "wall (s)", "memory (MB)"
 def run_command(*words: str, variables: Mapping[str, str] | None = None) -> dict[str, float]:
     """Run `fg-nav` with these words; its processor time, its time on the wall and its memory at its highest."""
     began, command = perf_counter(), [sys.executable, "-m", "fg_nav.cli", *words]
-    process = Popen(command, stdout=DEVNULL, stderr=DEVNULL, env={**os.environ, **(variables or {})})
+    process = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env={**os.environ, **(variables or {})}
+    )
     _, status, used = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
@@ -236,6 +188,131 @@ def measure_simulator() -> Found:
     return runs
 
 
+# --- other programs ---------------------------------------------------------------------------------------------------
+
+RUNNER = Path(__file__).resolve().parents[1] / "bench" / "peer_runner.py"
+LEFT_OUT: Mapping[str, str] = {
+    "fg-nav smoother": "-",
+    "fg-nav iez": "smoothing, field",
+    "gaitmap": "gyro bias, field, gaps, clipping, verdict; the ground is level",
+    "vqf": "position, sigmas of attitude",
+}
+"""What a program has no answer to, by the beginning of its name."""
+
+
+def list_peers(chosen: Namespace) -> list[Task]:
+    """Motion-captured trials, loops, and simulated walks of a minute, whose attitude is known."""
+    data, measure = walks.data_folder(chosen.data), partial(measure_programs, chosen.python, chosen.repeats)
+    real = [(name, one) for name in ("vicon", "openshoe") for one in walks.list_set(data, name)]
+    tasks = [Task(name, one.name, partial(measure, one)) for name, one in real]
+    return tasks + [Task("simulated", f"{seed}", partial(measure, seed)) for seed in seeds_of(chosen)]
+
+
+def measure_programs(python: str | None, repeats: int, source: Real | int) -> Found:
+    """Run all programs on a walk, a recording or that of a seed; times over that of the bare loop."""
+    if isinstance(source, Real):
+        walk = source.prepare(labelled=source.path.suffix == ".mat")
+        recording, stances = walk.recording, walk.stances
+    else:
+        recording = simulate("demo", source).recording
+        stances = detect_stances(recording)
+    others = ("gaitmap", "gaitmap, our stances", *(("vqf", "vqf offline") if isinstance(source, int) else ()))
+    programs: dict[str, Callable[[], tuple[float, Rotation, Any]]] = {
+        **{name: partial(run_ours, run, recording, stances, repeats) for name, run in OURS.items()},
+        **{name: partial(run_peer, python, name, recording, stances, repeats) for name in others},
+    }
+    bare_s = min(measure_cpu(partial(run_bare_loop, recording)) for _ in range(repeats))
+
+    def measure(run: Callable[[], tuple[float, Rotation, Any]]) -> Figures:
+        seconds, nav_R_body, position = run()
+        costs = {"over_bare": seconds / bare_s, "us_a_sample": 1e6 * seconds / len(recording)}
+        return {**costs, **measure_errors(recording, nav_R_body, position)}
+
+    return {name: partial(measure, run) for name, run in programs.items()}
+
+
+def run_smoother(recording: Recording, stances: Stances) -> Solution:
+    """Run the smoother, with the magnetometer where there is one, as the filters of orientation have it."""
+    if recording.mag is None:
+        return smooth(recording, stances)
+    return run_method(prepare_walk(Walk.of(recording, Options())), "smoother").solution
+
+
+OURS: Mapping[str, Callable[[Recording, Stances], Solution]] = {"fg-nav smoother": run_smoother, "fg-nav iez": run_iez}
+
+
+def run_ours(
+    run: Callable[[Recording, Stances], Solution], recording: Recording, stances: Stances, repeats: int
+) -> tuple[float, Rotation, Any]:
+    """Processor time of a method of ours, the least behind a first call, attitudes and positions."""
+    solution = run(recording, stances)
+    seconds = min(measure_cpu(partial(run, recording, stances)) for _ in range(repeats))
+    return seconds, Rotation.from_matrix(solution.nav_R_body), solution.position
+
+
+def run_peer(
+    python: str | None, name: str, recording: Recording, stances: Stances, repeats: int
+) -> tuple[float, Rotation, Any]:
+    """Run another program in its interpreter; raises `SimulationError` where that is not to be had."""
+    if python is None:
+        raise SimulationError(f"{name} needs an interpreter that has it: name that with --python.")
+    mag = np.zeros_like(recording.acc) if recording.mag is None else recording.mag.copy()
+    seen = np.isfinite(mag).all(axis=1)  # a field is held until the next sample
+    mag = mag[np.maximum.accumulate(np.where(seen, np.arange(len(mag)), np.argmax(seen)))]
+    samples: dict[str, Any] = {"t": recording.t, "acc": recording.acc, "gyr": recording.gyr, "mag": mag}
+    with tempfile.TemporaryDirectory() as folder:
+        np.savez(f"{folder}/input.npz", still=stances.mask, repeats=repeats, **samples)
+        ran = subprocess.run([python, str(RUNNER), name, folder], capture_output=True, text=True, check=False)
+        if ran.returncode:
+            raise SimulationError(f"{name} did not run: {(ran.stderr.strip().splitlines() or ['no word'])[-1][:200]}")
+        output = dict(np.load(f"{folder}/output.npz"))
+    return float(output["seconds"]), Rotation.from_quat(output["quaternion"]), output.get("position")
+
+
+def measure_errors(recording: Recording, nav_R_body: Rotation, position: Any) -> dict[str, float]:
+    """Errors of position, rms over the samples after a rotation about up and a shift, and of attitude."""
+    errors, truth = dict[str, float](), recording.truth
+    if position is not None and not isinstance(truth, TrajectoryTruth):
+        errors["closure_m"] = float(np.linalg.norm(position[-1] - position[0]))
+    elif position is not None and isinstance(truth, TrajectoryTruth):
+        row, true = interpolate_truth(truth, recording.t)
+        off = align(position[row], true).apply(position[row]) - true
+        for key, part in (("rmse_2d_m", off[:, :2]), ("rmse_3d_m", off)):
+            errors[key] = float(np.sqrt((part**2).sum(axis=1).mean()))
+    if isinstance(truth, TrajectoryTruth) and truth.nav_R_body is not None and len(truth.t) == len(recording):
+        turn = nav_R_body * Rotation.from_matrix(truth.nav_R_body).inv()  # in nav: about up, and the rest
+        x, y, z, w = turn.as_quat().T
+        heading = np.unwrap(2.0 * np.arctan2(z, w))
+        tilt = 2.0 * np.arcsin(np.hypot(x, y).clip(max=1))
+        errors["heading_deg"] = float(np.degrees((heading - heading.mean()).std()))
+        errors["inclination_deg"] = float(np.degrees(np.sqrt(np.mean(tilt**2))))
+    return errors
+
+
+COLUMNS = tuple(
+    Column(figure, head, "median", pattern)
+    for figure, head, pattern in (
+        ("over_bare", "over the bare loop", "{:.2f}"), ("us_a_sample", "us a sample", "{:.2f}"),
+        ("rmse_2d_m", "2-D (m)", "{:.3f}"), ("rmse_3d_m", "3-D (m)", "{:.3f}"),
+        ("closure_m", "start to end (m)", "{:.2f}"), ("heading_deg", "heading (deg)", "{:.2f}"),
+        ("inclination_deg", "inclination (deg)", "{:.2f}"),
+    )
+)  # fmt: skip
+
+
+def write_peers(table: Table) -> list[str]:
+    """Write speed, errors and scope of each program, one row a set."""
+    lines = []
+    for section, variant in table.cases:
+        rows = list(table.of(section, variant).values())
+        failure = next((row[FAILURE] for row in rows if row.get(FAILURE)), "")
+        cells = ["-" if failure else column.write(table, section, variant) or "-" for column in COLUMNS]
+        known = next((words for begin, words in LEFT_OUT.items() if variant.startswith(begin)), "")
+        scope = failure or rows[0].get("leaves_out", known)
+        lines.append([section, variant, f"{rows[0].get('walks', len(rows))}", *cells, scope])
+    return write_table(["set", "program", "walks", *(column.head for column in COLUMNS), "leaves out"], lines, 2, 1)
+
+
 EXPERIMENTS: Mapping[str, Experiment] = {
     "cost": Experiment(
         """What a sample costs each estimator, over other calls on the same samples.
@@ -260,17 +337,6 @@ EXPERIMENTS: Mapping[str, Experiment] = {
             "repeats": option(3, "how often all is run", metavar="N"),
         },
     ),
-    "footfalls": Experiment(
-        """What a footfall costs online, however long the walk, from the push that completes it to its line, ms.
-
-        `OnlineNavigator.push` for hours round a corridor with a magnetometer at 100 Hz, a tenth of a second at a time,
-        solved again in a process beside it; memory of both processes, MB. The walk is pushed faster than it was walked,
-        so where it waits for the other process, the time that this would have had is not counted.""",
-        list_footfalls,
-        [Column(name, name, "mean", "{:.1f}") for name in (*PERCENTILES, "footfalls", "memory")],
-        [Asked(name, "mean", high=high) for name, high in (("p50", 10), ("p99", 60), ("longest", 250))],
-        options={"minutes": option(20.0, "of walking", metavar="N")},
-    ),
     "commands": Experiment(
         """What commands cost, each a process of its own: processor time, time on the wall, memory at its highest.
 
@@ -291,5 +357,22 @@ EXPERIMENTS: Mapping[str, Experiment] = {
             "hours": option([1.0, 2.0], "of walking", type=float, nargs="+", metavar="H"),
             "no_field": option(False, "without the magnetometer"),
         },
+    ),
+    "peers": Experiment(
+        """Other programs beside ours on the same samples: how fast, how far off, and what each leaves out.
+
+        vicon: trials of a foot with motion capture, stances by PyShoe's labels; openshoe: loops that end where they
+        began; simulated: walks of the scenario `demo`, a minute each, indoor field, true attitude known. Time is of the
+        processor, the least of the repeats behind a first call, over that of the bare loop on the same samples.
+        Position: rms over the samples of what a rotation about up and a shift leave; attitude: rms, heading with its
+        mean off, and inclination; medians over the walks.""",
+        list_peers,
+        COLUMNS,
+        seeds=6,
+        options={
+            "python": option(None, "the interpreter that has the others", metavar="PYTHON"),
+            "repeats": option(3, "how often all is run", metavar="N"),
+        },
+        blocks={"peers": write_peers},
     ),
 }  # fmt: skip

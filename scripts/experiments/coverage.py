@@ -39,7 +39,7 @@ from harness import option, seeds_of
 from scipy.stats import chi2
 from walks import Real
 
-from experiments import Asked, Column, Experiment, Found, Table, Task, attempt, find_truth, give_heading, write_table
+from experiments import Asked, Column, Experiment, Found, Table, Task, find_truth, give_heading, write_table
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection.stance import Stances
 from fg_nav.errors import EvaluationError
@@ -213,7 +213,7 @@ def list_coverage(chosen: Namespace) -> list[Task]:
 def cover_real(real: Real, with_mag: bool) -> Found:
     """Measure one real walk; with its magnetometer the heading at the start is not given."""
     walk = real.prepare(Options() if with_mag else None)
-    return {"smoother": attempt(partial(cover, walk, None if with_mag else 0.0, None))}
+    return {"smoother": partial(cover, walk, None if with_mag else 0.0, None)}
 
 
 def cover_way(length_m: float, field: str | None, given: bool, seed: int) -> Found:
@@ -236,7 +236,7 @@ def cover_way(length_m: float, field: str | None, given: bool, seed: int) -> Fou
     recording = simulate(base, seed, Choices(field=field or "homogeneous", feet="moving")).recording
     options = give_heading(recording) if given or field is None else Options()
     walk = prepare_walk(Walk.of(recording, options))
-    return {"smoother": attempt(partial(cover, walk, walk.options.heading_rad, field is not None or given))}
+    return {"smoother": partial(cover, walk, walk.options.heading_rad, field is not None or given)}
 
 
 def cover(walk: Walk, heading: float | None, is_aligned: bool | None) -> dict[str, float]:

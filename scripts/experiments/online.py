@@ -1,4 +1,4 @@
-"""The estimate at the moment: how good it is, and whether its sigmas are true.
+"""The estimate at the moment: how good it is, whether its sigmas are true, and what a footfall costs.
 
 Walks are pushed through `OnlineNavigator` in blocks of half a second, stances found on the way.
 """
@@ -9,20 +9,25 @@ from argparse import Namespace
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from time import perf_counter, sleep
+from typing import Any
 
 import harness
 import numpy as np
 import walks
+from harness import option
+from stress import read_memory_mb
 
-from experiments import Asked, Column, Experiment, Figures, Found, Task, attempt
+from experiments import Asked, Column, Experiment, Figures, Found, Task
 from fg_nav.evaluation.comparison import compare_at_footfalls
 from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.lab.campaign.methods import solve_by
 from fg_nav.lab.campaign.walks import LOOP, Recorded, Simulated
 from fg_nav.lab.walked import AS_STARTED, BEST_YAW
-from fg_nav.online import OnlineNavigator
+from fg_nav.online import OnlineNavigator, resolve
 from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.estimates import StanceEstimate
+from fg_nav.online.window import AnchorState
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 from fg_nav.walk import Walk
@@ -49,11 +54,11 @@ def list_online(chosen: Namespace) -> list[Task]:
 def measure_lines(source: Recorded | Simulated) -> Found:
     """Push a walk through with its heading given and not, and run the filter `ma2018` on it where it is simulated."""
     walk = source.prepare(LOOP)
-    found: dict[str, Figures] = {"heading not given": attempt(partial(measure_pushed, walk, None))}
+    found: dict[str, Any] = {"heading not given": partial(measure_pushed, walk, None)}
     heading = walk.options.heading_rad
     if heading is None:  # of a recorded walk that at which the walk without one ended
         heading = float(compute_heading(push_walk(walk, None)[1].finish().stances.nav_R_body[0]))
-    found["heading given"] = attempt(partial(measure_pushed, walk, heading))
+    found["heading given"] = partial(measure_pushed, walk, heading)
     if isinstance(source, Simulated) and walk.truth is not None:
         filtered = solve_by("ma2018", replace(walk, truth=None)).solution
         found["ma2018"] = {"moment (m)": rms_error(filtered, filtered.stances, walk.truth)}
@@ -124,6 +129,62 @@ def rms_error(solution: Solution, table: StanceTable, truth: Truth) -> float:
     return float(np.sqrt(np.mean((laid.error[:, :2] ** 2).sum(axis=1))))
 
 
+# --- a footfall ------------------------------------------------------------------------------------------------------
+
+AT_ONCE_S, FOOTFALLS_HZ = 0.1, 100.0  # samples that come at once, and how many a second
+PERCENTILES = {"p50": 50, "p99": 99, "longest": 100}
+
+
+def list_footfalls(chosen: Namespace) -> list[Task]:
+    """One walk in progress."""
+    return [Task("the whole walk", f"{chosen.minutes:g} min", partial(measure_footfalls, chosen.minutes))]
+
+
+def measure_footfalls(minutes: float) -> Found:
+    """Time each push that returns a line, and what the memory of both processes is at the end."""
+    recording = walks.simulate_long_walk(minutes, harness.FIRST_SEED, FOOTFALLS_HZ, "indoor")
+    navigator, ms = OnlineNavigator(OnlineOptions(heading_rad=0.0)), list[float]()
+    solver = PacedSolver(navigator)
+    block = round(AT_ONCE_S * FOOTFALLS_HZ)
+    for start in range(0, len(recording), block):
+        part, idle_s = np.s_[start : start + block], solver.idle_s
+        mag = None if recording.mag is None else recording.mag[part]
+        began = perf_counter()
+        lines = navigator.push(recording.t[part], recording.acc[part], recording.gyr[part], mag)
+        elapsed_s = perf_counter() - began - (solver.idle_s - idle_s)
+        if any(isinstance(line, StanceEstimate) for line in lines):
+            ms.append(1e3 * elapsed_s)
+    memory_mb = read_memory_mb("self") + read_memory_mb(solver.process.pid or 0)
+    solver.close()
+    found = {name: float(np.percentile(ms, q)) for name, q in PERCENTILES.items()}
+    return {"online": {**found, "footfalls": len(ms), "memory": memory_mb}}
+
+
+class PacedSolver(resolve.Solver):
+    """Is given the time that it would have had; `idle_s` is how long it was waited for within that."""
+
+    def __init__(self, navigator: OnlineNavigator) -> None:
+        options, self._buffer = navigator.options, navigator.buffer
+        self.process = resolve.SolverProcess({None: options})
+        super().__init__(resolve.WalkSolver(options, self._buffer), self.process)
+        self.idle_s, self._begun = 0.0, (0.0, 0.0)
+        navigator._solver = navigator.smoother.solver = self
+
+    def begin(self, task: resolve.Task) -> None:
+        """As it does, and note when."""
+        self._begun = perf_counter(), self._buffer.newest_s
+        super().begin(task)
+
+    def take(self) -> AnchorState | None:
+        """As it does, after as long as the walk took since the task."""
+        began = perf_counter()
+        due = self._begun[0] + self._buffer.newest_s - self._begun[1]
+        while not self.is_ready() and perf_counter() < due:
+            sleep(0.001)
+        self.idle_s += perf_counter() - began
+        return super().take()
+
+
 EXPERIMENTS: Mapping[str, Experiment] = {
     "online": Experiment(
         """Are the lines of a walk in progress true at once, and how near are they to the batch solution.
@@ -152,5 +213,16 @@ EXPERIMENTS: Mapping[str, Experiment] = {
             Asked("moment (m)", "median", high=0.7, variant="heading given", over="ma2018"),
         ],
         seeds=20,
-    )
+    ),
+    "footfalls": Experiment(
+        """What a footfall costs online, however long the walk, from the push that completes it to its line, ms.
+
+        `OnlineNavigator.push` for hours round a corridor with a magnetometer at 100 Hz, a tenth of a second at a time,
+        solved again in a process beside it; memory of both processes, MB. The walk is pushed faster than it was walked,
+        so where it waits for the other process, the time that this would have had is not counted.""",
+        list_footfalls,
+        [Column(name, name, "mean", "{:.1f}") for name in (*PERCENTILES, "footfalls", "memory")],
+        [Asked(name, "mean", high=high) for name, high in (("p50", 10), ("p99", 60), ("longest", 250))],
+        options={"minutes": option(20.0, "of walking", metavar="N")},
+    ),
 }

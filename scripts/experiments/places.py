@@ -17,7 +17,7 @@ import harness
 import numpy as np
 from harness import option
 
-from experiments import Asked, Column, Experiment, Figures, Found, Task, attempt, find_truth, give_heading, list_seeds
+from experiments import Asked, Column, Experiment, Figures, Found, Task, find_truth, give_heading, list_seeds
 from experiments.coverage import FREEDOM, JointErrors, Seen
 from fg_nav.calibration.of_recording import Calibration
 from fg_nav.evaluation.comparison import align, interpolate_truth
@@ -145,7 +145,7 @@ def measure_course(name: str, level: str, given: bool, feet: Feet | None, seed: 
         smoothed = smooth_graph(prepared.recording, prepared.stances, parameters, heading, field=prepared.field)
         return measure_errors(walk, smoothed, laps, given)
 
-    return {words: attempt(partial(measure, parameters)) for words, parameters in PLACES.items()}
+    return {words: partial(measure, parameters) for words, parameters in PLACES.items()}
 
 
 def measure_errors(walk: SimulatedWalk, smoothed: SmoothedWalk, laps: int, given: bool) -> Figures:
@@ -230,7 +230,7 @@ def walk_twice(level: str, length_m: float, seed: int, others: list[int]) -> Fou
             "found": int(np.hypot(*off[:2]) <= 1.0 and turned <= np.radians(5.0)),
         }  # fmt: skip
 
-    return {"smoother": attempt(measure)}
+    return {"smoother": measure}
 
 
 def draw_lap(seed: int) -> Path:

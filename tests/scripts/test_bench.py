@@ -7,7 +7,7 @@ from tests.scripts import load_script
 from tests.simulated import straight_walk
 
 cost = load_script("experiments.cost")
-peers = load_script("experiments.peers")
+online = load_script("experiments.online")
 experiments = load_script("experiments")
 
 
@@ -42,7 +42,7 @@ def test_the_bare_loop_takes_every_sample(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_the_cost_of_a_footfall_is_measured() -> None:
-    found = cost.measure_footfalls(0.4)["online"]
+    found = online.measure_footfalls(0.4)["online"]
     assert found["footfalls"] > 10
     assert 0.0 < found["p50"] <= found["p99"] <= found["longest"]
 
@@ -54,6 +54,6 @@ def test_a_command_that_fails_is_named() -> None:
 
 
 def test_a_program_that_is_not_there_is_named_beside_ours(tmp_path) -> None:
-    found = peers.measure_programs(None, 1, 101)
+    found = experiments.measure_variants(lambda: cost.measure_programs(None, 1, 101))
     assert 0.0 < found["fg-nav iez"]["rmse_2d_m"] < 0.5
     assert "--python" in found["gaitmap"]["failure"]
