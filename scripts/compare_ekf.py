@@ -35,7 +35,6 @@ import walks
 from experiments import FAILURE, Column, Table
 from harness import FIRST_SEED, option
 
-from fg_nav.errors import SimulationError
 from fg_nav.lab.campaign.execute import find_simulated, make, recorded_keys, run_here, settings_of, simulated_keys
 from fg_nav.lab.campaign.methods import method_of
 from fg_nav.lab.campaign.walks import LOOP, MAGNETOMETERS, MIXTURES, Recorded, Source
@@ -75,12 +74,10 @@ PRINTED: Mapping[tuple[str, str], tuple[str, Mapping[str, str]]] = {
 
 LANDMARKS, MERIT = "landmarks (m)", "merit"
 ERRORS = {"end (m)": "end_m", "TTD (%)": "end_percent", "heading (deg)": "heading_deg", "rmse (m)": "rmse_m",
-          "most (m)": "max_m", "height (m)": "end_height_m"}  # fmt: skip
+          "most (m)": "max_m"}  # fmt: skip
 COLUMNS = (
-    *(Column(head, head, pattern="") for head in ERRORS if head != "height (m)"),
-    Column(LANDMARKS, LANDMARKS, pattern=""),
+    *(Column(head, head, pattern="") for head in (*ERRORS, LANDMARKS, "sigmas", "field used (%)")),
     *(Column(MERIT, f"over {method}", pattern="", over=method) for method in ("iez", "ma2018", "inertial")),
-    *(Column(head, head, pattern="") for head in ("height (m)", "sigmas", "field used (%)", "us a sample")),
 )
 
 
@@ -102,7 +99,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         out=option(Path("comparison"), "folder of the results", type=Path, metavar="DIR"),
         methods=METHODS,
         scenarios=SCENARIOS,
-        fields=("smooth", "between", "indoor"),
+        fields=option(["smooth", "between", "indoor"], "levels of the field", nargs="+", choices=(*FIELDS, *MIXTURES)),
         magnetometer=option([LOOP], "what is known of the iron", nargs="+", choices=MAGNETOMETERS),
         seeds=20,
         first=FIRST_SEED,
@@ -117,26 +114,25 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         method_of(method)
     for name in chosen.scenarios:
         scenario(name)
-    known = (*FIELDS, *MIXTURES)
-    for level in chosen.fields:
-        if level not in known:
-            raise SimulationError(f"there is no field '{level}': choose one of {', '.join(known)}.")
     return chosen
 
 
 def make_results(chosen: argparse.Namespace) -> list[Result]:
     """Return all results that were asked for, method by method within a case, made now where they are missing."""
-    real = {name: walks.list_set(walks.data_folder(chosen.data), name) for name in chosen.real}
-    named = {name: [one.name.removeprefix(f"{name} ") for one in some] for name, some in real.items()}
+    recorded = {
+        (name, one.name.removeprefix(f"{name} ")): Recorded(one.path)
+        for name in chosen.real
+        for one in walks.list_set(walks.data_folder(chosen.data), name)
+    }
+    named = {name: [walk for group, walk in recorded if group == name] for name in chosen.real}
     seeds = harness.seeds_of(chosen)
     keys = simulated_keys(chosen.scenarios, chosen.fields, chosen.magnetometer, chosen.methods, seeds)
     keys += recorded_keys(named, "real", chosen.magnetometer, chosen.methods)
-    sources = {(n, one.name.removeprefix(f"{n} ")): Recorded(one.path) for n, some in real.items() for one in some}
     folder = make_folder(chosen.out)
 
     def find_source(key: Key) -> Source:
         """Return a recorded walk, or one of a scenario."""
-        return sources.get((key.group, key.walk)) or find_simulated(key)
+        return recorded.get((key.group, key.walk)) or find_simulated(key)
 
     settings = {key: settings_of(key, find_source(key)) for key in keys}
     execute = partial(run_here, workers=chosen.jobs)
@@ -159,7 +155,6 @@ def figures_of(result: Result) -> dict[str, float | str]:
     mode = next((mode for mode in (AS_STARTED, BEST_YAW, CLOSURE) if mode in result.errors), "")
     found = {head: walk_error(result, name, mode) if mode else None for head, name in ERRORS.items()}
     found |= {LANDMARKS: at_landmarks(result, mean), "field used (%)": used_percent(result)}
-    found |= {"us a sample": result.us_per_sample}
     found |= {} if z is None else {"sigmas": float(np.sqrt(np.mean(np.square(np.asarray(z, dtype=np.float64)))))}
     merit = (found[LANDMARKS], found["rmse (m)"], found["end (m)"])
     found[MERIT] = next((value for value in merit if value is not None), None)
@@ -175,7 +170,7 @@ def print_cases(results: Sequence[Result]) -> None:
         rows.append({"section": case, "walk": result.key.walk, "variant": result.key.method, **figures_of(result)})
     table = Table(rows)
     for case, group in groups.items():
-        methods, names, columns = table.variants(case), list[str](), dict[str, list[str]]()
+        methods, names, columns = [v for s, v in table.cases if s == case], list[str](), dict[str, list[str]]()
         count = max(len(table.of(case, method)) for method in methods)
         harness.print_heading(f"{case}: {format_count(count, 'walk')}, median (5 % to 95 %)")
         for method in methods:

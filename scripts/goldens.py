@@ -1,13 +1,12 @@
 """Golden results of the command line: kept before a change of the code's structure, compared after it.
 
-    python scripts/goldens.py keep|compare DIR [--only WORD ...] [--data DIR] [--jobs N]
+    python scripts/goldens.py keep|compare --folder DIR [--data DIR] [--jobs N]
 
 `keep` runs the commands below and keeps, in a folder outside the repository, their exit codes, both outputs and the
-files of their results. `compare` runs them again and names each line that differs; it exits with 1 if one does. With
-`--only` the commands whose names contain one of the words.
+files of their results. `compare` runs them again and names each line that differs; it exits with 1 if one does.
 
 Compared are words, byte for byte, and numbers, to `TOLERANCE` and one unit of their last printed digit; left out are
-times of computing, the folder's name, pictures and pages.
+times of computing, the folder's name, pictures and pages. Each command is a process of its own.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
+from decimal import Decimal
 from functools import partial
 from itertools import zip_longest
 from pathlib import Path
@@ -26,7 +26,6 @@ from pathlib import Path
 import harness
 import numpy as np
 import walks
-from fuzz.cases import call
 from harness import option
 
 TOLERANCE = 2e-9  # m, rad and everything else, and relative: results are printed with nine digits
@@ -64,6 +63,10 @@ run-pocket-simulated: run MADE/pocket/recording.csv --mount pocket
 run-pocket-online: run MADE/pocket/recording.csv --mount pocket --method online
 run-munoz-diaz: run MADE/pocket/recording.csv --mount pocket --method munoz-diaz2017
 compare-gdin: compare DATA/gdin/own/SensorConnectData_36.csv
+compare-tuned: compare MADE/short.csv --methods FILTERS,matched,matched-rts
+compare-backward: compare MADE/short.csv --methods iez-rts,qsf-rts,qsf-stance-rts,iqsf-rts,ma2018-rts,aiez-rts
+compare-physical: compare MADE/short.csv --methods FILTERS,matched --preset physical
+compare-as-printed: compare MADE/short.csv --methods FILTERS --preset as-printed
 calibrate: calibrate MADE/office/recording.csv --out out.json
 detect: detect MADE/short.csv
 inspect-office: inspect MADE/office/recording.csv
@@ -74,36 +77,36 @@ stream-feet: stream MADE/short_left.csv MADE/short_right.csv --mount feet
 stream-pocket: stream MADE/pocket/recording.csv --mount pocket
 stream-damaged: stream MADE/damaged.csv
 """
-FILTERS = ("iez", "qsf", "qsf-stance", "iqsf", "ma2018", "aiez", "matched")
-PRESETS = ("tuned", "physical", "as-printed")
-WRONG = ("--method nobody", "--gate nobody", "--heading nan", "--set smoother.nothing=1", "--mount hat", "--rate 0")
+FILTERS = "iez,qsf,qsf-stance,iqsf,ma2018,aiez"
 
 
-def list_goldens(data: Path) -> dict[str, str]:
-    """List commands by name; `DATA/`, `CASES/` and `MADE/` stand for the folders of recordings."""
-    runs = dict(line.split(": ", 1) for line in RUNS.strip().splitlines())
-    for method in FILTERS:
-        for words in (f"{method}-rts", *(f"{method} --preset {preset}" for preset in PRESETS)):
-            runs[f"filter-{words.replace(' --preset ', '-')}"] = f"run MADE/short.csv --method {words}"
+def list_goldens(data: Path, made: Path) -> dict[str, str]:
+    """List commands by name."""
+    given = RUNS.replace("DATA", f"{data}").replace("MADE", f"{made}").replace("FILTERS", FILTERS)
+    runs = dict(line.split(": ", 1) for line in given.strip().splitlines())
     for name, words in runs.items():
         ends = " --silence 0.3" if words.startswith("stream") else ""
-        ends += " --plots none" if words.startswith(("run", "stream")) else ""
+        ends += " --plots none" if words.startswith(("run", "compare", "stream")) else ""
         ends += "" if words.startswith(("inspect", "calibrate")) else " --out out"
         runs[name] = words + ends
-    runs |= {f"refused-{words.replace(' ', '')}": f"run MADE/short.csv {words}" for words in WRONG}
-    for folder, word in ((data / "formats", "DATA/formats"), (data.parent / "cases", "CASES")):
+    for folder in (data / "formats", data.parent / "cases"):
         for file in sorted(path for path in folder.glob("*/**/*") if path.is_file() and path.name != "README.txt"):
-            name = file.relative_to(folder).as_posix()
-            runs[f"read-{name.replace('/', '+')}"] = f"inspect '{word}/{name}'"
+            runs[f"read-{file.relative_to(folder).as_posix().replace('/', '+')}"] = f"inspect '{file}'"
     return runs
+
+
+def run_command(words: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run `fg-nav` with these words in a folder."""
+    command = [sys.executable, "-m", "fg_nav.cli", *shlex.split(words)]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
 
 
 def make_inputs(data: Path, made: Path) -> None:
     """Write the simulated walks, a fix, and tables that a stream goes on through."""
     made.mkdir(parents=True)
     for command in MADE.strip().splitlines():
-        code, _, err = call([*command.replace("DATA", str(data)).split(), "--quiet"], made)
-        assert code == 0, f"`fg-nav {command}` failed: {err}"
+        ran = run_command(f"{command.replace('DATA', str(data))} --quiet", made)
+        assert ran.returncode == 0, f"`fg-nav {command}` failed: {ran.stderr}"
     shortened = (("", "demo/recording", 9001), ("_left", "both/left", 8001), ("_right", "both/right", 8001))
     for name, source, rows in shortened:
         lines = (made / f"{source}.csv").read_text().splitlines(keepends=True)[:rows]
@@ -115,28 +118,17 @@ def make_inputs(data: Path, made: Path) -> None:
     (made / "fixes.csv").write_text(f"time_s,x_m,y_m,z_m,sigma_m\n{last - 1.0:.3f},2.0,-3.0,8.0,0.3\n")
 
 
-def run_golden(data: Path, made: Path, folder: Path, golden: tuple[str, str]) -> None:
-    """Run one command in an empty folder, a stream in a process of its own; keep what it leaves, without folders."""
-    command, kept = golden[1], folder / golden[0]
-    places = {"DATA": str(data), "CASES": str(data.parent / "cases"), "MADE": str(made)}
-    words = [re.sub(r"^(DATA|CASES|MADE)(?=/)", lambda m: places[m[0]], word) for word in shlex.split(command)]
+def run_golden(folder: Path, golden: tuple[str, str]) -> None:
+    """Run one command in an empty folder; keep what it leaves, without that folder's name."""
+    name, command = golden
     with tempfile.TemporaryDirectory() as place:
-        if words[0] == "stream":
-            line = [sys.executable, "-m", "fg_nav.cli", *words]
-            done = subprocess.run(line, cwd=place, capture_output=True, text=True, check=False)
-            answer = done.returncode, done.stdout, done.stderr
-        else:
-            answer = call(words, Path(place))
-        texts = dict(zip(("code", "stdout", "stderr"), map(str, answer), strict=True))
-        for path in sorted(Path(place).rglob("*")):
-            if path.suffix in KEPT:
-                texts[path.relative_to(place).as_posix()] = path.read_text(encoding="utf-8")
-    shutil.rmtree(kept, ignore_errors=True)
+        ran = run_command(command, Path(place))
+        texts = {"code": f"{ran.returncode}", "stdout": ran.stdout, "stderr": ran.stderr}
+        left = [path for path in Path(place).rglob("*") if path.suffix in KEPT]
+        texts |= {path.relative_to(place).as_posix(): path.read_text(encoding="utf-8") for path in left}
     for file, text in texts.items():
-        for word, where in {"HERE": place, **places}.items():
-            text = text.replace(where, word)
-        (kept / file).parent.mkdir(parents=True, exist_ok=True)
-        (kept / file).write_text(text, encoding="utf-8")
+        (folder / name / file).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name / file).write_text(text.replace(place, "HERE"), encoding="utf-8")
 
 
 def compare_texts(old: str, new: str, is_table: bool) -> Iterator[str]:
@@ -144,18 +136,21 @@ def compare_texts(old: str, new: str, is_table: bool) -> Iterator[str]:
     timed = {k for k, name in enumerate(old.partition("\n")[0].split(",")) if is_table and TIMED.search(name)}
     for row, lines in enumerate(zip_longest(old.splitlines(), new.splitlines(), fillvalue=""), 1):
         one, other = (",".join(c for k, c in enumerate(line.split(",")) if k not in timed) for line in lines)
-        if one == other or (TIMED.search(one) and TIMED.search(other)):
-            continue
-        apart = np.inf
-        if NUMBER.sub("#", one) == NUMBER.sub("#", other):
-            apart = 0.0
-            for a, b in zip(NUMBER.findall(one), NUMBER.findall(other), strict=True):
-                units = (m.lower().partition("e") for m in (a, b) if "." in m)  # of the last digit, below a whole one
-                unit = sum(10.0 ** (int(e or 0) - len(mantissa.partition(".")[2])) for mantissa, _, e in units)
-                off = abs(float(a) - float(b))
-                apart = max(apart, off if off > TOLERANCE * max(1.0, abs(float(b))) + unit else 0.0)
-        if apart:
-            yield f"line {row}, by {apart:.2g}:\n      - {one[:300]}\n      + {other[:300]}"
+        gap = measure_gap(one, other)
+        if gap and not (TIMED.search(one) and TIMED.search(other)):
+            yield f"line {row}, by {gap:.2g}:\n      - {one[:300]}\n      + {other[:300]}"
+
+
+def measure_gap(one: str, other: str) -> float:
+    """By how much the numbers of two lines differ, where that is too much; infinite where their words do."""
+    if NUMBER.sub("#", one) != NUMBER.sub("#", other):
+        return np.inf
+    gaps = [0.0]
+    for pair in zip(NUMBER.findall(one), NUMBER.findall(other), strict=True):
+        unit = sum(10.0 ** int(Decimal(number).as_tuple().exponent) for number in pair if "." in number)
+        gap = abs(float(pair[0]) - float(pair[1]))
+        gaps.append(gap if gap > TOLERANCE * max(1.0, abs(float(pair[1]))) + unit else 0.0)
+    return max(gaps)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -163,30 +158,27 @@ def main(arguments: Sequence[str] | None = None) -> None:
     chosen = harness.parse_arguments(
         __doc__,
         arguments,
-        what=option("compare", "keep or compare", choices=("keep", "compare"), positional=True),
-        folder=option(None, "folder of the goldens", type=Path, positional=True),
-        only=option((), "words in their names", nargs="*", metavar="WORD"),
+        ("keep", "compare"),
+        folder=option(None, "of the goldens", type=Path, required=True, metavar="DIR"),
         data=None,
         jobs=2,
     )
     data, folder = walks.data_folder(chosen.data).resolve(), chosen.folder.resolve()
-    made = folder / "made"
-    if chosen.what == "keep" and not made.exists():
-        make_inputs(data, made)
-    goldens = {n: c for n, c in list_goldens(data).items() if not chosen.only or any(w in n for w in chosen.only)}
-    with tempfile.TemporaryDirectory() as place:
-        kept = folder / "kept" if chosen.what == "keep" else Path(place)
-        harness.map_walks(partial(run_golden, data, made, kept), goldens.items(), chosen.jobs, "goldens")
-        differing = set[str]()
-        for golden in goldens if chosen.what == "compare" else ():
-            both = folder / "kept" / golden, kept / golden
-            for name in sorted({p.relative_to(f) for f in both for p in f.rglob("*") if p.is_file()}):
-                old, new = ((one / name).read_text() if (one / name).exists() else "" for one in both)
-                if lines := list(compare_texts(old, new, name.suffix == ".csv")):
-                    differing.add(golden)
-                    print(f"{golden}, {name}: {len(lines)} lines differ", *lines[:MAX_SHOWN], sep="\n    ")
-    equal = len(goldens) - len(differing)
-    print(f"{len(goldens)} kept in {folder}" if chosen.what == "keep" else f"{equal} of {len(goldens)} goldens equal")
+    if not (folder / "made").exists():
+        make_inputs(data, folder / "made")
+    goldens, both = list_goldens(data, folder / "made"), (folder / "kept", folder / "compared")
+    place = both[chosen.what == "compare"]
+    shutil.rmtree(place, ignore_errors=True)
+    harness.map_walks(partial(run_golden, place), goldens.items(), chosen.jobs, "goldens")
+    differing = set[str]()
+    for name in sorted({path.relative_to(one) for one in both for path in one.rglob("*") if path.is_file()}):
+        old, new = ((one / name).read_text() if (one / name).exists() else "" for one in both)
+        lines = list(compare_texts(old, new, name.suffix == ".csv")) if chosen.what == "compare" else []
+        if lines:
+            differing.add(name.parts[0])
+            print(f"{name}: {len(lines)} lines differ", *lines[:MAX_SHOWN], sep="\n    ")
+    equal = f"{len(goldens) - len(differing)} of {len(goldens)} goldens equal"
+    print(f"{len(goldens)} kept in {folder}" if chosen.what == "keep" else equal)
     sys.exit(1 if differing else 0)
 
 

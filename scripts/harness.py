@@ -1,24 +1,23 @@
-"""What all scripts share: arguments, seeds, workers, spread, tables, figures beside what was asked of them, JSON.
+"""What all scripts share: arguments, seeds, workers, spread, tables, figures beside what was asked of them.
 
 A figure is `ok` where it lies within its bounds (bounds included), `missed` where it does not, and has no mark where it
 has no bounds. A figure that could not be measured is infinite, and is missed.
 
-Tables are drawn on a terminal and plain text in a pipe; the same figures go to a file as JSON.
+Tables are drawn on a terminal and plain text in a pipe.
 """
 
 from __future__ import annotations
 
 import argparse
 import gc
-import json
 import math
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from time import process_time
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NoReturn, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,7 +25,7 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from fg_nav.errors import FgNavError, OutputError, SimulationError
+from fg_nav.errors import FgNavError, SimulationError
 from fg_nav.lab.processes import run_tasks
 from fg_nav.report.terminal import console, progress
 
@@ -37,28 +36,8 @@ T = TypeVar("T")
 
 # --- arguments -------------------------------------------------------------------------------------------------------
 
-COMMON: Mapping[str, dict[str, Any]] = {
-    "seeds": {"type": int, "metavar": "N", "help": "how many walks"},
-    "first": {"type": int, "metavar": "SEED", "help": "the first seed"},
-    "seed": {"type": int, "metavar": "N", "help": "draws the walk"},
-    "jobs": {"type": int, "metavar": "N", "help": "processes"},
-    "data": {"type": Path, "metavar": "DIR", "help": "folder of the real recordings ($FG_NAV_DATA)"},
-    "json": {"type": Path, "metavar": "FILE", "help": "write the figures to this file"},
-    "figure": {"type": Path, "metavar": "FILE", "help": "draw into this file"},
-    "methods": {"nargs": "+", "metavar": "NAME", "help": "methods"},
-    "scenarios": {"nargs": "*", "metavar": "NAME", "help": "simulated walks"},
-    "fields": {"nargs": "+", "metavar": "LEVEL", "help": "levels of the magnetic field"},
-}
-"""Options that several scripts have."""
-
-
-@dataclass(frozen=True)
-class Option:
-    """An option of one script: its default and what `argparse` needs besides."""
-
-    default: Any
-    help: str
-    more: Mapping[str, Any]
+Option: TypeAlias = dict[str, Any]
+"""What `argparse` needs of an option."""
 
 
 def option(default: Any, help: str, **more: Any) -> Option:
@@ -67,27 +46,42 @@ def option(default: Any, help: str, **more: Any) -> Option:
         more["action"] = "store_true"
     elif isinstance(default, int | float | str) and "type" not in more:
         more["type"] = type(default)
-    return Option(default, help, more)
+    shown = "" if default in (None, False) or more.get("nargs") else f" ({default})"
+    return {"default": default, "help": f"{help}{shown}".replace("%", "%%"), **more}
 
 
-def parse_arguments(doc: str | None, arguments: Sequence[str] | None, **options: Any) -> argparse.Namespace:
+COMMON: Mapping[str, Callable[[Any], Option]] = {
+    "seeds": partial(option, help="how many walks", metavar="N"),
+    "first": partial(option, help="the first seed", metavar="SEED"),
+    "seed": partial(option, help="draws the walk", metavar="N"),
+    "jobs": partial(option, help="processes", metavar="N"),
+    "data": partial(option, help="folder of the real recordings ($FG_NAV_DATA)", type=Path, metavar="DIR"),
+    "methods": partial(option, help="methods", nargs="+", metavar="NAME"),
+    "scenarios": partial(option, help="simulated walks", nargs="*", metavar="NAME"),
+}
+"""Options that several scripts have, by their defaults."""
+
+
+def parse_arguments(
+    doc: str | None, arguments: Sequence[str] | None, what: Iterable[str] = (), **options: Any
+) -> argparse.Namespace:
     """Parse the command line of a script.
 
     Parameters
     ----------
     doc : docstring of the script, shown by `--help`.
     arguments : words of the command line; those of the process if None.
+    what : words of which the first argument is one, where there are some.
     options : name -> default of one of `COMMON`, or -> an `Option`.
 
     Raises `SimulationError` where fewer than no walk is asked for.
     """
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    if what:
+        parser.add_argument("what", choices=list(what))
     for name, given in options.items():
-        one = given if isinstance(given, Option) else option(given, **COMMON[name])
-        shown = "" if one.default in (None, False) or one.more.get("nargs") else f" ({one.default})"
-        more = {key: value for key, value in one.more.items() if key != "positional"}
-        flag = name if "positional" in one.more else "--" + name.replace("_", "-")
-        parser.add_argument(flag, default=one.default, help=f"{one.help}{shown}".replace("%", "%%"), **more)
+        one = given if isinstance(given, dict) else COMMON[name](given)
+        parser.add_argument(f"--{name.replace('_', '-')}", **one)
     chosen = parser.parse_args(arguments)
     if getattr(chosen, "seeds", 0) < 0:
         raise SimulationError("that few walks show nothing: ask for one or more.")
@@ -113,12 +107,12 @@ def map_walks(function: Callable[[S], T], walks: Iterable[S], jobs: int = 1, tit
     return [found[number] for number in range(len(tasks))]
 
 
-def measure_cpu(call: Callable[[], T]) -> tuple[float, T]:
-    """Return the processor time of a call, s, and its result."""
+def measure_cpu(call: Callable[[], object]) -> float:
+    """Return the processor time of a call, s."""
     gc.collect()
     began = process_time()
-    result = call()
-    return process_time() - began, result
+    call()
+    return process_time() - began
 
 
 # --- words -----------------------------------------------------------------------------------------------------------
@@ -132,7 +126,7 @@ def spread(values: ArrayLike, pattern: str = "", ends: tuple[float, float] = (5.
     some = np.asarray(values, dtype=np.float64)
     if not len(some):
         return "-"
-    how = "linear" if np.isfinite(some).all() else "higher" if np.isposinf(some).any() else "lower"
+    how = "linear" if np.isfinite(some).all() else "higher"
     low, middle, high = np.percentile(some, [ends[0], 50.0, ends[1]], method=how)  # type: ignore[call-overload]
     words = [format_number(value, pattern) for value in (middle, low, high)]
     return f"{words[0]} ({words[1]} to {words[2]})" if len(some) > 1 else words[0]
@@ -195,49 +189,20 @@ class Figure:
             return ""
         return "ok" if math.isfinite(self.measured) and self.low <= self.measured <= self.high else "missed"
 
-    def as_dict(self) -> dict[str, object]:
-        """Ready for JSON; an infinite number is null there."""
-        found = {name: finite(value) for name, value in asdict(self).items() if name != "pattern"}
-        return {**found, "mark": self.mark}
 
-
-def finite(value: object) -> object:
-    """Return the value, or None for a number that JSON does not know."""
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def report_figures(figures: Sequence[Figure], path: Path | None = None, **more: object) -> None:
-    """Print a row each figure and which are missed; write them, and more, to a file if there is one."""
-    rows = [(f.name, f.method, f.asked or "-", f.pattern.format(f.measured), f.mark) for f in figures]
-    print_table(("figure", "method", "asked", "measured", ""), rows)
-    asked = [figure for figure in figures if figure.mark]
-    missed = [figure for figure in asked if figure.mark == "missed"]
-    console().print(f"\n{len(asked) - len(missed)} of {len(asked)} figures are as asked.")
-    for f in missed:
-        measured = f.pattern.format(f.measured)
-        console().print(f"missed: {f.section}, {f.name}, {f.method}: {measured}, asked {f.asked}")
-    if path is not None:
-        write_json(path, {"figures": [figure.as_dict() for figure in figures], **more})
-
-
-def write_json(path: Path, content: Mapping[str, object]) -> None:
-    """Write a file of JSON."""
-    write_file(path, lambda file: file.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8"))
-
-
-def write_file(path: Path, write: Callable[[Path], object]) -> None:
-    """Write a file; raises `OutputError` where the system refuses."""
-    try:
-        write(path)
-    except OSError as error:
-        raise OutputError(f"{path} could not be written ({error.strerror}): name another file.") from error
+def report_figures(figures: Sequence[Figure]) -> None:
+    """Print a row each figure, and how many are as asked."""
+    rows = [(f.section, f.name, f.method, f.asked or "-", f.pattern.format(f.measured), f.mark) for f in figures]
+    print_table(("", "figure", "method", "asked", "measured", ""), rows)
+    marks = [figure.mark for figure in figures if figure.mark]
+    console().print(f"\n{marks.count('ok')} of {len(marks)} figures are as asked.")
 
 
 def run(script: Callable[[], None]) -> NoReturn:
     """Run a script and exit: 0 when done, 1 with one sentence where its input is to blame."""
     try:
         script()
-    except FgNavError as error:
+    except (FgNavError, OSError) as error:
         print(error, file=sys.stderr)
         sys.exit(1)
     sys.exit(0)

@@ -25,13 +25,14 @@ from pathlib import Path
 from typing import Any
 
 import harness
-from experiments import FAILURE, SPREAD, SUMMARIES, Experiment, Table, Task, attempt, sum_up
+from experiments import FAILURE, SUMMARIES, Experiment, Table, Task, measure_variants, sum_up
 from harness import option
 
 from fg_nav.errors import SimulationError
+from fg_nav.lab.store.files import make_folder, write_text
 from fg_nav.report.terminal import console
 
-MODULES = ("accuracy", "coverage", "verdicts", "magnetic", "places", "feet", "pocket", "online", "cost", "peers")
+MODULES = ("accuracy", "coverage", "places", "worn", "online", "cost")
 EXPERIMENTS: Mapping[str, Experiment] = {
     name: one for module in MODULES for name, one in import_module(f"experiments.{module}").EXPERIMENTS.items()
 }
@@ -55,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if chosen.per_walk:
         print_walks(table)
     figures = [figure for asked in experiment.asked for figure in asked.judge(table)] + experiment.judge(table)
-    harness.report_figures(figures, chosen.json, rows=table.rows)
+    harness.report_figures(figures)
     if chosen.save:
         seeds = f"{chosen.first} to {chosen.first + chosen.seeds - 1}" if experiment.seeds else ""
         path = save(chosen.store, name, experiment, table, seeds)
@@ -64,7 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def parse(experiment: Experiment, arguments: Sequence[str]) -> Namespace:
     """Parse the options that all experiments have, and the experiment's own."""
-    seeds = {"seeds": experiment.seeds, "first": experiment.first} if experiment.seeds else {}
+    seeds: dict[str, Any] = {"seeds": experiment.seeds, "first": experiment.first} if experiment.seeds else {}
     return harness.parse_arguments(
         experiment.about,
         arguments,
@@ -73,7 +74,6 @@ def parse(experiment: Experiment, arguments: Sequence[str]) -> Namespace:
         data=None,
         jobs=1,
         per_walk=option(False, "figures of each walk too"),
-        json=None,
         save=option(False, "keep the rows in the store"),
         store=option(STORE, "the store", type=Path, metavar="DIR"),
         **experiment.options,
@@ -94,24 +94,25 @@ def select_tasks(experiment: Experiment, chosen: Namespace) -> list[Task]:
 
 def run_tasks(tasks: Sequence[Task], jobs: int) -> Table:
     """Measure all walks, in their order."""
-    rows: list[Mapping[str, Any]] = []
-    for task, found in zip(tasks, harness.map_walks(attempt, [task.measure for task in tasks], jobs), strict=True):
-        variants: Mapping[str, Any] = {"all": found} if FAILURE in found else found  # it could not be read or prepared
-        for variant, figures in variants.items():
-            rows.append({"section": task.section, "walk": task.walk, "variant": variant, **figures})
-    return Table(rows)
+    found = harness.map_walks(measure_variants, [task.measure for task in tasks], jobs)
+    return Table(
+        [
+            {"section": task.section, "walk": task.walk, "variant": variant, **figures}
+            for task, variants in zip(tasks, found, strict=True)
+            for variant, figures in variants.items()
+        ]
+    )
 
 
 def print_sums(experiment: Experiment, table: Table) -> None:
-    """Print a table of each group of sections that have the same columns."""
-    groups: dict[tuple[bool, ...], list[str]] = {}
+    """Print a table of each group of sections that have the same columns, and why figures are missing."""
+    groups: dict[tuple[str, ...], list[list[str]]] = {}
     for section in table.sections:
-        has = (any(c.write(table, section, v) for v in table.variants(section)) for c in experiment.columns)
-        groups.setdefault(tuple(has), []).append(section)
-    for sections in groups.values():
-        heads, *rows = sum_up(Table([row for row in table.rows if row["section"] in sections]), experiment.columns)
+        heads, *rows = sum_up(table.select(section), experiment.columns)
+        groups.setdefault(tuple(heads), []).extend(rows)
+    for some, rows in groups.items():
         print()
-        harness.print_table(heads, rows)
+        harness.print_table(some, rows)
     for row in table.rows:
         if row.get(FAILURE):
             console().print(f"{row['section']}, {row['walk']}, {row['variant']}: {row[FAILURE]}", soft_wrap=True)
@@ -124,7 +125,7 @@ def print_walks(table: Table) -> None:
         return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
 
     for section in table.sections:
-        some = [row for row in table.rows if row["section"] == section]
+        some = table.select(section).rows
         names = list(dict.fromkeys(name for row in some for name in row if name != "section"))
         harness.print_heading(section)
         harness.print_table(names, [[write(row.get(name)) for name in names] for row in some])
@@ -142,25 +143,22 @@ def save(folder: Path, name: str, experiment: Experiment, table: Table, seeds: s
     made = {"date": date.today().isoformat(), "commit": read_commit()} | ({"seeds": seeds} if seeds else {})
     rows = [row for row in old["rows"] if row["section"] not in table.sections]
     for row in table.rows:
-        rounded = {key: float(f"{one:.5g}") if isinstance(one, float) else one for key, one in row.items()}
-        rows.append({key: harness.finite(one) for key, one in rounded.items() if one is not None})
+        known = {key: one for key, one in row.items() if one is not None}
+        rows.append({key: float(f"{one:.5g}") if isinstance(one, float) else one for key, one in known.items()})
     content = {"made": old["made"] | dict.fromkeys(table.sections, made), "rows": rows}
-    folder.mkdir(parents=True, exist_ok=True)
-    harness.write_json(path, content)
+    write_text(make_folder(folder) / path.name, json.dumps(content, indent=1) + "\n")
     return path
 
 
 def keep_sums(experiment: Experiment, table: Table) -> Table:
     """Return one row a section and variant: its sums over the walks, by the names of the columns."""
     rows = []
-    for section in table.sections:
-        for variant in table.variants(section):
-            row: dict[str, Any] = {"section": section, "walk": f"{len(table.of(section, variant))}", "variant": variant}
-            for column in experiment.columns:
-                values = table.values(section, variant, column.figure, column.over)
-                summary = "median" if column.summary == SPREAD else column.summary
-                row |= {column.head: SUMMARIES[summary](values)} if len(values) else {}
-            rows.append(row)
+    for section, variant in table.cases:
+        row: dict[str, Any] = {"section": section, "walk": f"{len(table.of(section, variant))}", "variant": variant}
+        for column in experiment.columns:
+            values = table.values(section, variant, column.figure, column.over)
+            row |= {column.head: SUMMARIES[column.summary](values)} if len(values) else {}
+        rows.append(row)
     return Table(rows)
 
 

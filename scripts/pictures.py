@@ -6,7 +6,7 @@ walks    a real walk over surveyed footprints, and half an hour in a simulated m
          shift: walk 33 of gdin, a LORD GX5 on the instep, with its magnetometer as recorded; the scenario `mall` with a
          calibrated magnetometer on the floor of a building (field `indoor`)
 report   the page of a result, of a simulated minute of walking with its truth: head and path, and on a phone the height
-view     the page of a walk in progress, through a simulated office: most of it at once, its last seconds at their speed
+view     the page of a walk in progress, through a simulated office
 
 Pages are as a Chromium without a window shows them on a desk and on a phone: playwright (extra `checks`) and a Chromium
 are needed, the system's or playwright's own.
@@ -18,6 +18,7 @@ import shutil
 import tempfile
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -30,7 +31,6 @@ from harness import option
 from matplotlib.axes import Axes
 from PIL import Image
 
-from fg_nav.arrays import Floats
 from fg_nav.io import read, write_canonical
 from fg_nav.lab import palette
 from fg_nav.lab.simulation import Choices, simulate
@@ -45,22 +45,8 @@ from fg_nav.truth import FootprintTruth, TrajectoryTruth
 from fg_nav.view.outlets import ListenerProcess, Outlets, format_address, open_port
 from fg_nav.walk import Walk
 
-HOST, WALKED_S, PLAYED_S = "127.0.0.1", 200.0, 12.0
+HOST, WALKED_S = "127.0.0.1", 200.0
 DESK_PX, PHONE_PX, BETWEEN_PX, COLORS = 1120, 390, 16, 200
-
-
-class LateReplay(Replay):
-    """The samples of a recording: all but those of the last seconds at once, and then these at their own speed."""
-
-    def __init__(self, recording: Recording) -> None:
-        name, at = "a simulated office", int(np.searchsorted(recording.t, recording.t[-1] - PLAYED_S))
-        super().__init__(recording.slice(at, len(recording)), 1.0, name)
-        self._before = Replay(recording.slice(0, at), np.inf, name)
-
-    async def read(self) -> Floats | None:
-        """See `SampleSource`."""
-        rows = await self._before.read()
-        return await super().read() if rows is None else rows
 
 
 class Unended(ListenerProcess):
@@ -110,30 +96,32 @@ def draw_report(chosen: Namespace) -> None:
 
 
 def draw_view(chosen: Namespace) -> None:
-    """Draw the page of a walk in progress."""
+    """Draw the page of a walk in progress, which takes as long as the walk."""
     recording = simulate("office", chosen.seed).recording
     recording = recording.slice(0, int(np.searchsorted(recording.t, recording.t[0] + WALKED_S)))
     door = open_port(HOST, 0, "--port")
     address = format_address(HOST, door.getsockname()[1])
     with closing(Unended(None, door, HOST, print)) as server, open_pages(address, 700, ("dark", "light")) as pages:
-        options = StreamOptions(online=OnlineOptions(heading_rad=None), background=True)
+        options = StreamOptions(OnlineOptions(heading_rad=None), background=True)
+        sensor = Sensor(Replay(recording, 1.0, "a simulated office"), options)
         outlets = Outlets(server.send, None, server.send_remark, server)
-        follow({None: Sensor(LateReplay(recording), options)}, outlets)
+        with ThreadPoolExecutor(1) as thread:  # the pages have an event loop in this one
+            thread.submit(follow, {None: sensor}, outlets).result()
         photograph(pages, chosen.figure)
 
 
-WALK, MAX_POINTS = 33, 4000
+WALK, MAX_POINTS = "gdin 33", 4000
 LINES = {"iez": ("zero-velocity filter (IEZ)", palette.VERMILION, 0.8), "smoother": ("fg-nav", palette.BLUE, 1.2)}
 
 
 def draw_walks(chosen: Namespace) -> None:
     """Draw a real and a simulated walk."""
-    real = read(walks.gdin_path(walks.data_folder(chosen.data), WALK))
+    real = next(one for one in walks.list_set(walks.data_folder(chosen.data), walks.GDIN) if one.name == WALK)
     mall = simulate("mall", chosen.seed, Choices(calibrated=True)).recording
     with style.styled():
         picture = style.new_figure(4.2, width_in=10.5)
         left, right = picture.subplots(1, 2, width_ratios=(1.55, 1.0))
-        ours, filtered = draw_walk(left, real)
+        ours, filtered = draw_walk(left, read(real.path))
         left.set_title(f"A real walk of 64 m, with its magnetometer: {ours:.2f} m rms, filter {filtered:.2f}")
         ours, filtered = draw_walk(right, mall)
         right.set_title(f"Simulated, 2.5 km: {ours:.1f} m rms, filter {filtered:.1f}")
@@ -166,11 +154,15 @@ DRAWN = {"walks": draw_walks, "report": draw_report, "view": draw_view}
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Draw one."""
-    what = option(None, "which picture", choices=tuple(DRAWN), positional=True)
     chosen = harness.parse_arguments(
-        __doc__, arguments, what=what, seed=harness.FIRST_SEED, figure=Path("picture.png"), data=None
+        __doc__,
+        arguments,
+        DRAWN,
+        seed=harness.FIRST_SEED,
+        figure=option(Path("picture.png"), "draw into this file", type=Path, metavar="FILE"),
+        data=None,
     )
-    harness.write_file(chosen.figure, lambda _: DRAWN[chosen.what](chosen))
+    DRAWN[chosen.what](chosen)
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ import numpy as np
 import walks
 from harness import FIRST_SEED
 
+from fg_nav.arrays import interpolate_columns
 from fg_nav.detection import detect_stances
 from fg_nav.detection.rest import estimate_lever
 from fg_nav.detection.stance import shoe
@@ -56,9 +57,9 @@ SPEED = "true speed at the stillest instant (mm/s)"
 
 def compare_feet(data: Path, seeds: Sequence[int]) -> tuple[list[Facts], list[Facts]]:
     """Facts of real and simulated feet."""
-    real = [measure_foot(read(walks.gdin_path(data, number))) for number in walks.GDIN_WALKS]
-    captured = [measure_foot(read(path)) for path in sorted((data / "vicon").glob(f"{VICON_DAY}*.mat"))]
-    real = [{key: value for key, value in facts.items() if key != SPEED} for facts in real]
+    real = [measure_foot(read(one.path)) for one in walks.list_set(data, walks.GDIN)]
+    trials = [one for one in walks.list_set(data, "vicon") if one.name.startswith(VICON_DAY)]
+    captured = [measure_foot(read(one.path)) for one in trials]
     real += [{SPEED: facts[SPEED]} for facts in captured if SPEED in facts]
     return real, [measure_foot(simulate_walk(seed)) for seed in seeds]
 
@@ -113,8 +114,7 @@ def measure_foot(recording: Recording) -> Facts:
         "sensor above the rolling point (cm)": 100.0 * estimate_lever(recording, stances).lever @ up,
     }
     if isinstance(recording.truth, TrajectoryTruth):
-        t = recording.t
-        place = np.stack([np.interp(t, recording.truth.t, axis) for axis in recording.truth.position.T], axis=1)
+        place = interpolate_columns(recording.t, recording.truth.t, recording.truth.position)
         slope = np.arange(4, -5, -1) / (h * 60.0)  # of a line through nine positions: motion capture trembles by 0.1 mm
         true = np.stack([np.convolve(axis, slope, mode="same") for axis in place.T], axis=1)
         facts[SPEED] = 1e3 * np.median(np.linalg.norm(true[feet], axis=1))

@@ -1,6 +1,6 @@
 """What `fg-nav stream` stands: a day of walking, kills, rubbish, datagrams on a busy machine, a thousand listeners.
 
-    python scripts/stress.py hours|kills|rubbish|udp|listeners [--json FILE]
+    python scripts/stress.py hours|kills|rubbish|udp|listeners
 
 hours      A simulated walk with a magnetometer, repeated as long as it takes, goes to standard input as fast as it is
            read: an hour a row, with its time, its memory, and the longest time that the command did not read. The last
@@ -8,7 +8,7 @@ hours      A simulated walk with a magnetometer, repeated as long as it takes, g
 kills      The same walk twice, once with `--record FILE --resume`, killed (SIGKILL) at random samples and begun again,
            in turn with all rows, as of a file, and with those from `AGAIN_S` before the last recorded one on, as of a
            logger: no line may be missing or told twice, and the whole must end the same.
-rubbish    What a line of `--megabytes`, a million empty lines, bytes that are no text or NULs between the halves of a
+rubbish    What a line of 100 MB, a million empty lines, bytes that are no text or NULs between the halves of a
            walk cost it in rows, footfalls and memory.
 udp        Rows at 400 Hz in their time, one a datagram, `--hogs` busy loops beside: rows lost, and whether it is said.
 listeners  A line a second and statuses to port and page, beside clients that read, that never do, and that send
@@ -20,18 +20,19 @@ from __future__ import annotations
 import fcntl
 import json
 import multiprocessing
+import os
 import re
 import socket
 import subprocess
 import sys
 import tempfile
 import termios
-import threading
 import time
 from argparse import Namespace
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import partial
 from multiprocessing.synchronize import Event
 from pathlib import Path
 from time import perf_counter
@@ -46,6 +47,7 @@ from fg_nav.columns.mapping import CANONICAL
 from fg_nav.errors import SimulationError
 from fg_nav.io import read_raw
 from fg_nav.io.writing import format_rows
+from fg_nav.online.buffer import rows_of
 from fg_nav.online.rows import RowReader
 from fg_nav.view.outlets import STATUS_S, ListenerProcess, open_port
 from fg_nav.view.servers import LIVE
@@ -95,40 +97,26 @@ class Rows:
         return b"".join(b"%.6f,%b" % ((start + k) * self.period_s, self.tails[n]) for k, n in enumerate(numbers))
 
 
-def count(section: str, name: str, method: str, measured: float, low: float = -np.inf, high: float = np.inf) -> Figure:
-    """A figure that is a whole number."""
-    return Figure(section, name, method, measured, low, high, "{:.0f}")
+count = partial(Figure, pattern="{:.0f}")
 
 
-def read_memory_mb(process: int | str, key: str = "VmRSS") -> float:
-    """Return the memory of a process, MB, at its highest with `VmHWM`; NaN where the system does not show it."""
+def read_memory_mb(process: int | str) -> float:
+    """Return the memory of a process, MB; NaN where the system does not show it."""
     with suppress(OSError):
-        found = re.search(key + r":\s+(\d+) kB", Path(f"/proc/{process}/status").read_text())
+        found = re.search(r"VmRSS:\s+(\d+) kB", Path(f"/proc/{process}/status").read_text())
         return float(found.group(1)) / 1e3 if found else float("nan")
     return float("nan")
 
 
-@dataclass
 class Follower:
-    """A running `fg-nav stream SOURCE`: its lines as they come, and its highest memory, MB."""
+    """A running `fg-nav stream SOURCE`: its highest memory, MB, and, once it has ended, its lines."""
 
-    source: str
-    words: Sequence[str] = ()
-    lines: list[dict[str, Any]] = field(default_factory=list)
-    highest_mb: float = 0.0
-
-    def __post_init__(self) -> None:
-        command, pipe = [sys.executable, "-m", "fg_nav.cli", "stream", self.source, *self.words], subprocess.PIPE
-        self.process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL)
+    def __init__(self, source: str, words: Sequence[str]) -> None:
+        self._out = tempfile.TemporaryFile()  # noqa: SIM115
+        command = [sys.executable, "-m", "fg_nav.cli", "stream", source, *words]
+        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=self._out, stderr=subprocess.DEVNULL)
         assert self.process.stdin is not None
-        self.stdin = self.process.stdin
-        self._reader = threading.Thread(target=self._collect, daemon=True)
-        self._reader.start()
-
-    def _collect(self) -> None:
-        for line in self.process.stdout or ():
-            with suppress(ValueError):  # the kill cut it off
-                self.lines.append(json.loads(line))
+        self.stdin, self.highest_mb, self.lines = self.process.stdin, 0.0, list[dict[str, Any]]()
 
     def write(self, piece: bytes) -> float:
         """Write bytes; return how long they were not taken, s."""
@@ -151,10 +139,13 @@ class Follower:
             self.process.kill()
         with suppress(BrokenPipeError):
             self.stdin.close()
-        while self.process.poll() is None:
-            self.highest_mb = max(self.highest_mb, np.nan_to_num(read_memory_mb(self.process.pid, "VmHWM")))
-            time.sleep(0.02)
-        self._reader.join()
+        _, status, used = os.wait4(self.process.pid, 0)
+        self.process.returncode = os.waitstatus_to_exitcode(status)
+        self.highest_mb = max(self.highest_mb, used.ru_maxrss / 1e3)
+        self._out.seek(0)
+        for line in self._out:
+            with suppress(ValueError):  # the kill cut it off
+                self.lines.append(json.loads(line))
 
 
 @contextmanager
@@ -171,6 +162,7 @@ def keep_busy(count: int) -> Iterator[None]:
 
 # --- hours and kills -------------------------------------------------------------------------------------------------
 
+RATE_HZ, KILLS = 200.0, 20
 BLOCK_S, PACE_S = 1.0, 0.05  # samples written at once, as fast as they are read and as they are walked
 AGAIN_S = 10.0  # samples before the last save that are sent again after a kill: less than the lag
 MAX_WAIT_S, MAX_DIFFERENCE = 0.5, 0.1  # asked: of rows that come as they are walked, a stride; sigmas at the end
@@ -179,7 +171,7 @@ SAME_S = 1e-6
 
 def measure_hours(given: Namespace) -> list[Figure]:
     """Send a walk, an hour after the other, and some minutes more in their time."""
-    rows, follower = Rows.simulate(given.seed, given.rate), Follower("-", ["--lag", f"{given.lag:g}"])
+    rows, follower = Rows.simulate(FIRST_SEED, RATE_HZ), Follower("-", ["--lag", f"{given.lag:g}"])
     follower.write(HEADER)
     hour, block, samples = (round(s / rows.period_s) for s in (3600.0, BLOCK_S, 3600.0 * given.hours))
     took, waits, memory = list[float](), list[float](), list[float]()
@@ -212,10 +204,10 @@ def measure_hours(given: Namespace) -> list[Figure]:
 
 def measure_kills(given: Namespace) -> list[Figure]:
     """Send a walk to a command that is killed again and again, and to one that is not; compare their lines."""
-    rows, figures = Rows.simulate(given.seed, given.rate, max(3.0, 60.0 * min(given.hours, 1.0))), []
+    rows, figures = Rows.simulate(FIRST_SEED, RATE_HZ, max(3.0, 60.0 * min(given.hours, 1.0))), []
     block, again, samples = (round(s / rows.period_s) for s in (BLOCK_S, AGAIN_S, 3600.0 * given.hours))
     for mode, words in (("the whole walk", []), (f"a lag of {given.lag:g} s", ["--lag", f"{given.lag:g}"])):
-        kills = np.sort(np.random.default_rng(given.seed).integers(samples // 20, samples, given.kills)).tolist()
+        kills = np.sort(np.random.default_rng(FIRST_SEED).integers(samples // 20, samples, KILLS)).tolist()
         with keep_busy(given.hogs), tempfile.TemporaryDirectory() as name:
             record, told, begin = Path(name) / "walk.csv", list[dict[str, Any]](), 0
             for number, end in enumerate([samples, *kills, samples]):
@@ -271,9 +263,7 @@ def make_lines(seconds: float) -> list[bytes]:
 
 def compare_rows(lines: Sequence[bytes], record: Path) -> int:
     """Count the rows that were sent and not recorded."""
-    raw = read_raw(record)
-    mag = np.full_like(raw.acc, np.nan) if raw.mag is None else raw.mag
-    came = {row.tobytes() for row in np.column_stack([raw.t, raw.acc, raw.gyr, mag])}
+    came = {row.tobytes() for row in rows_of(read_raw(record))[:, :10]}
     sent = RowReader("what is sent").read(HEADER + b"".join(lines))[:, :10]
     return sum(row.tobytes() not in came for row in sent)
 
@@ -284,7 +274,7 @@ def measure_rubbish(given: Namespace) -> list[Figure]:
     drawn, clean = np.random.default_rng(1).bytes(10 << 20), (0.0, 0)
     rubbish = {
         "none": b"",
-        f"a line of {given.megabytes} MB": b"7" * (given.megabytes << 20) + b"\n",
+        "a line of 100 MB": b"7" * (100 << 20) + b"\n",
         "1 million empty lines": b"\n" * 10**6,
         "10 MB of random bytes": drawn + b"\n",
         "10 MB of NULs": b"\0" * (10 << 20) + b"\n",
@@ -340,7 +330,7 @@ def measure_udp(given: Namespace) -> list[Figure]:
 # --- listeners -------------------------------------------------------------------------------------------------------
 
 TICK_S, TICKS_A_LINE, COMING_S, HELD_UP_MS = 0.02, 50, 0.003, 50.0  # of the walk's thread; a client to connect; asked
-HOST = "127.0.0.1"
+HOST, CLIENTS, CROWD_S = "127.0.0.1", 1000, 20.0  # on each server, for each kind of crowd
 HANDSHAKE = (
     f"GET {LIVE} HTTP/1.1\r\nHost: {HOST}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
     "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n"
@@ -389,12 +379,12 @@ CROWDS = {"nobody": 0.0, "readers": 1.0, "most deaf": 0.1, "deaf": 0.0, "garbage
 
 def measure_listeners(given: Namespace) -> list[Figure]:
     """Serve lines and page beside each kind of crowd; how long the walk is held up, and when lines arrive."""
-    figures, lines = list[Figure](), int(given.seconds / TICK_S / TICKS_A_LINE)
+    figures, lines = list[Figure](), int(CROWD_S / TICK_S / TICKS_A_LINE)
     for name, reading in CROWDS.items():
         doors = open_port(HOST, 0, "lines"), open_port(HOST, 0, "page")
         ports = doors[0].getsockname()[1], doors[1].getsockname()[1]
         ready, done, found = PROCESSES.Event(), PROCESSES.Event(), PROCESSES.Queue()
-        clients = 0 if name == "nobody" else given.clients
+        clients = 0 if name == "nobody" else CLIENTS
         listener = PROCESSES.Process(target=listen, args=(ports, lines, found, ready), daemon=True)
         others = PROCESSES.Process(target=crowd, args=(ports, clients, done, reading), daemon=True)
         with closing(ListenerProcess(*doors, HOST, print)) as served:
@@ -444,21 +434,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = harness.parse_arguments(
         __doc__,
         arguments,
-        what=option(None, "what it is to stand", choices=list(MEASURES), positional=True),
+        MEASURES,
         hours=option(24.0, "of walking", metavar="N"),
         minutes=option(10.0, "of sending", metavar="N"),
-        seconds=option(20.0, "for each kind of crowd", metavar="S"),
         lag=option(60.0, "fixed lag", metavar="SECONDS"),
-        rate=option(200.0, "of the samples", metavar="HZ"),
         real_time=option(0.0, "more, as they are walked", metavar="MINUTES"),
-        kills=option(20, "how often it is killed", metavar="N"),
         hogs=option(2, "processes that keep a core busy each", metavar="N"),
-        megabytes=option(100, "of the longest line", metavar="N"),
-        clients=option(1000, "on each server", metavar="N"),
-        seed=FIRST_SEED,
-        json=None,
     )
-    harness.report_figures(MEASURES[given.what](given), given.json)
+    harness.report_figures(MEASURES[given.what](given))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,6 @@
 """Tune the filters on simulated walks: the preset `tuned` of `fg_nav.ekf.presets`.
 
-    python scripts/tune_filters.py --cache DIR [--seeds N] [--methods NAME ...] [--jobs N]
-    python scripts/tune_filters.py --cache DIR --held-out      `tuned` and `physical` on seeds not tuned on
+    python scripts/tune_filters.py [--seeds N] [--methods NAME ...] [--jobs N]
 
 One preset a method for all scenarios and fields, for a user does not know the field. Calibrated magnetometer, true
 heading at the start, position and heading of the start laid on the truth. On every walk
@@ -14,43 +13,37 @@ field has 1. The search varies one parameter after the other over a fixed grid, 
 changes nothing; then every value of every parameter is tried beside the best, which shows how flat it is. The largest
 sigma of the compass all but turns it off, so no method can be tuned to be worse than the IEZ.
 
-Walks are kept in the cache. Seeds 1 to 12 are for tuning, 31 to 36 held out; those from 101 on are left to the reports.
+Seeds 1 to 12 are for tuning, 31 to 36 held out (`compare_ekf.py --first 31 --seeds 6`, presets side by side); those
+from 101 on are left to the reports.
 """
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import harness
 import numpy as np
+from experiments import find_truth, give_heading
 from harness import option
 
 from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
-from fg_nav.detection.stance import Stances
-from fg_nav.ekf import IezParameters, run_iez
-from fg_nav.ekf.compass import run_with_compass
-from fg_nav.ekf.presets import PHYSICAL, TUNED, Parameters, find_parameters
-from fg_nav.frames import compute_heading
+from fg_nav.ekf import run_iez
+from fg_nav.ekf.compass import GatedCompassParameters, run_with_compass
+from fg_nav.ekf.presets import PHYSICAL, find_parameters
 from fg_nav.lab.simulation import Choices, simulate
-from fg_nav.lab.store.files import atomic_write, make_folder
-from fg_nav.magnetic import FootfallField, average_footfall_field
+from fg_nav.magnetic import average_footfall_field
 from fg_nav.magnetic.detectors import scale_detector
-from fg_nav.recording import Recording
-from fg_nav.truth import TrajectoryTruth
+from fg_nav.solution import Solution
+from fg_nav.walk import Walk
 
 SCENARIOS, FIELDS = ("teaching-building", "office", "mall"), ("smooth", "indoor")
-BASELINE = "iez"
 
 Point = Mapping[str, float]
-"""Parameter -> value; what is not named is as in the preset. `allowance` and `window` are of `scale_detector`."""
-Trial = tuple[str, str, Point]
-"""Method, preset, and what is other than in it."""
+"""Parameter -> value; what is not named is as in the preset `physical`. `allowance` and `window`: `scale_detector`."""
 Grid = Mapping[str, tuple[float, ...]]
 
 SIGMAS_DEG = (5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 45.0, 90.0)
@@ -63,142 +56,115 @@ GRIDS: Mapping[str, Grid] = {
 }
 STARTS: Sequence[Point] = ({}, {"allowance": 8.0, "compass_sigma_deg": 20.0})
 """The physical values, and a gate that passes nearly all with a weaker compass."""
-INERTIAL = frozenset(one.name for one in fields(IezParameters))
-
-
-@dataclass(frozen=True)
-class Walked:
-    """A simulated walk in one field as a filter sees it; `truth` (F, 2) m at the footfalls, `heading` rad."""
-
-    recording: Recording
-    stances: Stances
-    field: FootfallField
-    truth: Floats
-    heading: float
+ROUNDS = 4  # of the search, at most
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Tune and print."""
-    chosen = harness.parse_arguments(
-        __doc__,
-        arguments,
-        cache=option(None, "folder of walks", type=Path, required=True, metavar="DIR"),
-        seeds=option(3, "walks of a scenario", choices=range(1, 13)),
-        scenarios=SCENARIOS,
-        methods=tuple(GRIDS),
-        rounds=option(4, "at most so many rounds of the search", metavar="N"),
-        jobs=2,
-        held_out=option(False, "measure `tuned` on seeds 31 to 36 instead"),
-    )
-    first = 31 if chosen.held_out else 1
-    seeds = range(first, first + chosen.seeds)
-    cases = [(scenario, seed, level) for scenario in chosen.scenarios for seed in seeds for level in FIELDS]
-    bench = Bench(make_folder(chosen.cache), cases, chosen.jobs)
-    if chosen.held_out:
-        trials: list[Trial] = [(m, preset, {}) for m in (BASELINE, *chosen.methods) for preset in (PHYSICAL, TUNED)]
-        rows = [(m, p, f"{np.exp(loss):.3f}") for (m, p, _), loss in zip(trials, bench.losses(trials), strict=True)]
-        harness.print_table(("method", "preset", f"error over the IEZ's, {len(cases)} walks"), rows)
-        return
+    """Search, and print every value beside the best one."""
+    seeds = option(3, "walks of a scenario", type=int, choices=range(1, 13), metavar="N")
+    chosen = harness.parse_arguments(__doc__, arguments, seeds=seeds, scenarios=SCENARIOS, methods=tuple(GRIDS), jobs=2)
+    cases = [
+        (name, seed, level) for name in chosen.scenarios for seed in range(1, chosen.seeds + 1) for level in FIELDS
+    ]
+    walks = harness.map_walks(simulate_case, cases, chosen.jobs)
     for method in chosen.methods:
         # the physical values belong to the grid
-        physical = find_parameters(method, PHYSICAL)
-        begin = {"allowance": 1.0, "window": 1.0 if isinstance(physical, IezParameters) else physical.detector.window}
-        begin = {name: float(begin[name] if name in begin else getattr(physical, name)) for name in GRIDS[method]}
+        physical = find_physical(method)
+        own = {"allowance": 1.0, "window": physical.detector.window}
+        begin = {name: float(own[name] if name in own else getattr(physical, name)) for name in GRIDS[method]}
         grid = {name: tuple(sorted({*values, begin[name]})) for name, values in GRIDS[method].items()}
-        ends = [bench.descend(method, grid, {**begin, **start}, chosen.rounds) for start in STARTS]
-        best = ends[int(np.argmin(bench.losses([(method, PHYSICAL, end) for end in ends])))]
+        bench = Bench(method, walks, chosen.jobs)
+        ends = [bench.descend(grid, {**begin, **start}) for start in STARTS]
+        best = ends[int(np.argmin(bench.measure(ends)))]
         # every value of every parameter beside the best; the best is marked
         harness.print_heading(f"{method}: error over the IEZ's (geometric mean of {len(cases)} walks)")
         lines = []
         for name, values in grid.items():
-            loss = bench.vary(method, best, name, values)
-            marks = {min(loss, key=lambda value: loss[value]): "*"}
-            shown = [f"{value:g}: {np.exp(one):.3f}{marks.get(value, '')}" for value, one in loss.items()]
+            losses = bench.measure([{**best, name: value} for value in values])
+            marks = ["*" if loss == min(losses) else "" for loss in losses]
+            shown = [
+                f"{value:g}: {np.exp(loss):.3f}{mark}" for value, loss, mark in zip(values, losses, marks, strict=True)
+            ]
             lines.append((name, "  ".join(shown)))
         harness.print_table(("parameter", "value: ratio"), lines)
 
 
 @dataclass(frozen=True)
+class Walked:
+    """A simulated walk as a filter sees it; `truth` (F, 2) m at the footfalls, and the error of the IEZ, m."""
+
+    walk: Walk
+    truth: Floats
+    iez_m: float
+
+
+@dataclass(frozen=True)
 class Bench:
-    """Runs trials on all its cases (scenario, seed, field), and remembers their losses."""
+    """Runs a method on all walks, and remembers its losses by their points."""
 
-    folder: Path
-    cases: Sequence[tuple[str, int, str]]
+    method: str
+    walks: Sequence[Walked]
     jobs: int
-    known: dict[str, list[float]] = field(default_factory=dict)
+    known: dict[str, float] = field(default_factory=dict)
 
-    def losses(self, trials: Sequence[Trial]) -> list[float]:
-        """Loss of each trial."""
-        every: list[Trial] = [(BASELINE, PHYSICAL, {}), *trials]
-        new = {f"{one}": one for one in every if f"{one}" not in self.known}
+    def measure(self, points: Sequence[Point]) -> list[float]:
+        """Loss at each point."""
+        new = {f"{point}": point for point in points if f"{point}" not in self.known}
         if new:
-            measure = partial(measure_case, self.folder, list(new.values()))
-            found = harness.map_walks(measure, self.cases, self.jobs, "trials")
-            self.known.update({key: [one[k] for one in found] for k, key in enumerate(new)})
-        baseline = np.log(self.known[f"{every[0]}"])
-        return [float(np.mean(np.log(self.known[f"{one}"]) - baseline)) for one in trials]
+            measure = partial(measure_losses, self.method, list(new.values()))
+            losses = np.mean(harness.map_walks(measure, self.walks, self.jobs, "trials"), axis=0)
+            self.known.update(zip(new, losses.tolist(), strict=True))
+        return [self.known[f"{point}"] for point in points]
 
-    def vary(self, method: str, point: Point, name: str, values: Sequence[float]) -> dict[float, float]:
-        """Loss at each value of one parameter, the others as in the point."""
-        losses = self.losses([(method, PHYSICAL, {**point, name: value}) for value in values])
-        return dict(zip(values, losses, strict=True))
-
-    def descend(self, method: str, grid: Grid, point: Point, rounds: int) -> Point:
+    def descend(self, grid: Grid, point: Point) -> Point:
         """Search along one parameter after the other until a round changes nothing."""
-        for _ in range(rounds):
+        for _ in range(ROUNDS):
             before = point
             for name, values in grid.items():
-                loss = self.vary(method, point, name, values)
-                point = {**point, name: min(loss, key=lambda value: loss[value])}
+                losses = self.measure([{**point, name: value} for value in values])
+                point = {**point, name: values[int(np.argmin(losses))]}
             if point == before:
                 break
         return point
 
 
-def measure_case(folder: Path, trials: Sequence[Trial], case: tuple[str, int, str]) -> list[float]:
-    """Return rmse at the footfalls and error at the last together, m, of each trial on a walk."""
-    walk, found = find_walk(folder, *case), []
-    for method, preset, point in trials:
-        parameters = set_point(find_parameters(method, preset), point)
-        if isinstance(parameters, IezParameters):
-            solution = run_iez(walk.recording, walk.stances, parameters, walk.heading)
-        else:
-            solution = run_with_compass(walk.recording, walk.stances, walk.field, parameters, walk.heading)
-        apart = solution.stances.position[:, :2] - walk.truth
-        error = np.linalg.norm(apart - apart[0], axis=1)
-        found.append(float(np.sqrt(np.mean(error**2)) + error[-1]))
-    return found
+def find_physical(method: str) -> GatedCompassParameters:
+    """Parameters of a method in the preset `physical`."""
+    parameters = find_parameters(method, PHYSICAL)
+    assert isinstance(parameters, GatedCompassParameters)
+    return parameters
 
 
-def find_walk(folder: Path, scenario: str, seed: int, level: str) -> Walked:
-    """Return a walk out of the folder, or simulate it and put it there."""
-    path = folder / f"{scenario}-{seed}-{level}.pickle"
-    if not path.exists():
-        recording = simulate(scenario, seed, Choices(calibrated=True, field=level, rate_hz=100.0)).recording
-        truth, stances = recording.truth, detect_stances(recording)
-        assert isinstance(truth, TrajectoryTruth)
-        assert truth.nav_R_body is not None
-        heading = float(compute_heading(truth.nav_R_body[0]))
-        there = truth.position[stances.stillest(recording.gyr), :2]
-        footfalls = average_footfall_field(recording, stances, heading)
-        with atomic_write(path) as unfinished:
-            plain = replace(recording, mag=None, truth=None)
-            unfinished.write_bytes(pickle.dumps(Walked(plain, stances, footfalls, there, heading)))
-    walk = pickle.loads(path.read_bytes())
-    assert isinstance(walk, Walked)
-    return walk
+def simulate_case(case: tuple[str, int, str]) -> Walked:
+    """Simulate the walk of a scenario, seed and field."""
+    scenario, seed, level = case
+    recording = simulate(scenario, seed, Choices(calibrated=True, field=level, rate_hz=100.0)).recording
+    stances, options = detect_stances(recording), give_heading(recording)
+    there = find_truth(recording)[0].position[stances.stillest(recording.gyr), :2]
+    plain, heading = replace(recording, mag=None, truth=None), options.heading_rad or 0.0
+    footfalls = average_footfall_field(recording, stances, heading)
+    iez = run_iez(plain, stances, heading=heading)
+    return Walked(Walk(plain, stances, options=options, field=footfalls), there, measure_error(iez, there))
 
 
-def set_point(parameters: Parameters, point: Point) -> Parameters:
-    """Return the parameters with those of the point in their place."""
-    inertial: dict[str, Any] = {name: value for name, value in point.items() if name in INERTIAL}
-    if isinstance(parameters, IezParameters):
-        return replace(parameters, **inertial)
-    window = point.get("window")
-    detector = scale_detector(parameters.detector, point.get("allowance", 1.0), None if window is None else int(window))
-    known = INERTIAL | {"allowance", "window"}
-    own: dict[str, Any] = {name: value for name, value in point.items() if name not in known}
-    return replace(parameters, detector=detector, inertial=replace(parameters.inertial, **inertial), **own)
+def measure_error(solution: Solution, truth: Floats) -> float:
+    """Rmse at the footfalls and error at the last together, m."""
+    apart = solution.stances.position[:, :2] - truth
+    error = np.linalg.norm(apart - apart[0], axis=1)
+    return float(np.sqrt(np.mean(error**2)) + error[-1])
+
+
+def measure_losses(method: str, points: Sequence[Point], walked: Walked) -> list[float]:
+    """Loss at each point on a walk."""
+    physical, walk, losses = find_physical(method), walked.walk, list[float]()
+    for point in points:
+        own: dict[str, Any] = dict(point)
+        window = int(own.pop("window", physical.detector.window))
+        detector = scale_detector(physical.detector, own.pop("allowance"), window)
+        parameters = replace(physical, detector=detector, **own)
+        solution = run_with_compass(walk.recording, walk.stances, walk.field, parameters, walk.options.heading_rad)
+        losses.append(float(np.log(measure_error(solution, walked.truth) / walked.iez_m)))
+    return losses
 
 
 if __name__ == "__main__":

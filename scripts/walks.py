@@ -1,18 +1,5 @@
 """The walks on which figures are measured: the real ones, by sets, and a simulated one of any length.
 
-=================== ====================================================================================
-vicon               28 trials with motion capture
-gdin                10 indoor walks with surveyed footprints
-running             2 more that have running strides in them and a gyroscope that saturates
-gdlbio              11 indoor walks with every footprint surveyed
-gdlbio run          7 that are run or clipped in every stride
-openshoe, xio       walks that end where they began, three and two
-mti round, stairs   12 rounds of one floor and 12 walks on stairs, walked and run, 100 Hz
-corridor            a corridor to and fro
-mems                laps, squares and rectangles
-mtig                passes of a corridor, stairs and other ways
-=================== ====================================================================================
-
 A walk is read where it is measured. By default the magnetometer is left out: figures are inertial ones unless they say
 so. All walks are prepared as `fg-nav run` does, so that a large error of the accelerometer is taken off.
 """
@@ -20,58 +7,47 @@ so. All walks are prepared as `fg-nav run` does, so that a large error of the ac
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import scipy.io
 
-from fg_nav.arrays import Floats
 from fg_nav.detection.stance import Stances
 from fg_nav.errors import FormatError
 from fg_nav.io import Reading, read_raw
-from fg_nav.lab.pyshoe import read_pyshoe_labels, read_pyshoe_track
+from fg_nav.lab.pyshoe import read_pyshoe_labels
 from fg_nav.lab.simulation import SCENARIOS, Choices, routes, simulate
 from fg_nav.lab.simulation.plan import Stand
 from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import RawRecording, Recording
 from fg_nav.truth import TrajectoryTruth
-from fg_nav.walk import Options, read_walk
-from fg_nav.walk import Walk as Prepared
+from fg_nav.walk import Options, Walk, read_walk
 
 DEFAULT_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
-SHOE_ERROR = 0  # Of the five errors stored with a trial: that of the detector whose labels are used.
-MTI1_RATE_HZ = 100.0
+MTI1, MTI1_RATE_HZ = "mti1_loops", 100.0
 
-GDIN, OPENSHOE = "gdin", "openshoe"
-GDIN_WALKS = (15, 18, 20, 22, 24, 29, 31, 33, 36, 40)
-LOOPS = {
-    **{f"openshoe {n}": f"openshoe/data_inert{n}.txt" for n in (1, 7, 13)},
-    **{f"xio {length}": f"xio/{length}_walk.csv" for length in ("short", "long")},
+GDIN, GDLBIO, OPENSHOE = "gdin", "gdlbio", "openshoe"
+SURVEYED = {GDIN: "gdin/own*/SensorConnectData_{}.csv", GDLBIO: "gdlbio/SensorConnectData_{}_GDLBIO.mat"}
+SETS: Mapping[str, tuple[str, str]] = {
+    "vicon": ("vicon/{}.mat", "*"),  # trials with motion capture
+    GDIN: (SURVEYED[GDIN], "15 18 20 22 24 29 31 33 36 40"),  # indoor walks with surveyed footprints
+    "running": (SURVEYED[GDIN], "35 43"),  # that have running strides in them and a gyroscope that saturates
+    GDLBIO: (SURVEYED[GDLBIO], "48 50 58 62 64 72 74 76 78 80 82"),  # indoor walks with every footprint surveyed
+    "gdlbio run": (SURVEYED[GDLBIO], "52 54 56 60 66 68 70"),  # that are run or clipped in every stride
+    OPENSHOE: ("openshoe/data_inert{}.txt", "1 7 13"),  # walks that end where they began
+    "xio": ("xio/{}_walk.csv", "short long"),  # likewise
+    "mti round": ("mti1_loops/{}.csv.gz", "hallway_*"),  # rounds of one floor, walked and run, 100 Hz
+    "mti stairs": ("mti1_loops/{}.csv.gz", "stairs_*"),
+    "corridor": ("corridor_lab/{}.csv.gz", "*"),  # to and fro
+    "mems": ("mems_foot/{}.csv.gz", "lap_360m_* square_70m_* *rectangle_* c_shape_*"),  # closed, a raw sensor
+    "all of mems": ("mems_foot/{}.csv.gz", "*"),
+    "mtig": ("mtig710/{}.csv.gz", "*"),  # passes of a corridor, stairs and other ways
+    "by hand": ("broad/{}.mat", "*"),  # a sensor that is turned and moved by hand
+    "crawling": ("vicon/{}.mat", "2018-02-09*"),  # and ladders
+    "leg": ("ridi_leg/{}.csv", "*"),  # a phone in a trouser leg
 }
-
-
-def gdin_path(data: Path, number: int) -> Path:
-    """File of an indoor walk; those up to 29 lie in a folder of their own."""
-    return data / "gdin" / ("own" if number > 29 else "own_obsolete") / f"SensorConnectData_{number}.csv"
-
-
-NUMBERED: Mapping[str, tuple[str, Sequence[int]]] = {
-    GDIN: ("gdin", GDIN_WALKS),
-    "running": ("gdin", (35, 43)),
-    "gdlbio": ("gdlbio", (48, 50, 58, 62, 64, 72, 74, 76, 78, 80, 82)),
-    "gdlbio run": ("gdlbio", (52, 54, 56, 60, 66, 68, 70)),
-}
-FILES: Mapping[str, Sequence[str]] = {
-    "vicon": ("vicon/*.mat",),
-    "mti round": ("mti1_loops/hallway_*",),
-    "mti stairs": ("mti1_loops/stairs_*",),
-    "corridor": ("corridor_lab/*",),
-    "mems": tuple(f"mems_foot/{name}" for name in ("lap_360m_*", "square_70m_*", "*rectangle_*", "c_shape_*")),
-    "mtig": ("mtig710/*",),
-}
-"""Patterns of each set, without `.csv.gz`."""
+"""Files of each set, and the words that stand in their names, or a pattern of these."""
 
 
 @dataclass(frozen=True)
@@ -84,46 +60,17 @@ class Real:
 
     def read_raw(self) -> RawRecording:
         """Read the samples as they stand in the file, without the magnetometer; those of mti1_loops have no stamps."""
-        if self.path.parent.name != "mti1_loops":
+        if self.path.parent.name != MTI1:
             return replace(read_raw(self.path), mag=None)
         rows = np.genfromtxt(self.path, delimiter=",", skip_header=2)  # a header, and a row that is no sample
         return RawRecording(np.arange(len(rows)) / MTI1_RATE_HZ, rows[:, :3], rows[:, 3:6], np.arange(len(rows)) + 3)
 
-    def prepare(self, options: Options | None = None) -> Prepared:
-        """Read a walk and find its stances as `fg-nav run --no-mag` does, or by these options."""
-        source: Path | Recording = self.path
-        if self.path.parent.name == "mti1_loops":
-            source = Recording.from_raw(self.read_raw())
-        elif self.barometer is not None:
-            source = Reading(barometer=self.barometer).read(self.path)
-        return prepare_walk(read_walk(source, options or Options(use_magnetometer=False)))
-
-    def read(self) -> Walk:
-        """Read a walk with what is stored with it."""
-        prepared = self.prepare()
-        track = read_pyshoe_track(self.path) if self.path.parent.name == "gdlbio" else None
-        return Walk(self.name, prepared.recording, prepared.stances, track)
-
-    def read_labelled(self) -> Walk:
-        """Read a trial with the authors' labels as the stance mask."""
-        stored = float(scipy.io.loadmat(self.path)["trial_error"][0, SHOE_ERROR])
-        walk = replace(self.read(), stances=Stances.from_mask(read_pyshoe_labels(self.path)))
-        return replace(walk, stored_armse_m=stored)
-
-
-@dataclass(frozen=True)
-class Walk:
-    """A recording and when the foot stood in it.
-
-    `track` (N, 2) m and `stored_armse_m` are what the authors of a set stored with it: a path at every sample, and
-    PyShoe's error with its own labels.
-    """
-
-    name: str
-    recording: Recording
-    stances: Stances
-    track: Floats | None = None
-    stored_armse_m: float | None = None
+    def prepare(self, options: Options | None = None, labelled: bool = False) -> Walk:
+        """Read a walk and find its stances as `fg-nav run --no-mag` does, or by these options, or PyShoe's labels."""
+        read = Reading(barometer=self.barometer).read
+        recording = Recording.from_raw(self.read_raw()) if self.path.parent.name == MTI1 else read(self.path)
+        walk = prepare_walk(read_walk(recording, options or Options(use_magnetometer=False)))
+        return replace(walk, stances=Stances.from_mask(read_pyshoe_labels(self.path))) if labelled else walk
 
 
 def data_folder(given: Path | None) -> Path:
@@ -142,21 +89,14 @@ def list_set(data: Path, name: str, with_barometer: bool = False) -> list[Real]:
 
     Raises `FormatError` where none is there.
     """
-    if name in LOOPS or name in (OPENSHOE, "xio"):
-        found = [Real(one, data / path) for one, path in LOOPS.items() if one.startswith(name)]
-    elif name in NUMBERED:
-        group, numbers = NUMBERED[name]
-        surveyed = "gdlbio/SensorConnectData_{}_GDLBIO.mat"
-        paths = [gdin_path(data, n) if group == GDIN else data / surveyed.format(n) for n in numbers]
-        found = [Real(f"{group} {number}", path) for number, path in zip(numbers, paths, strict=True)]
-    else:
-        ends = "" if name == "vicon" else ".csv.gz"
-        paths = [path for one in FILES[name] for path in sorted(data.glob(one + ends)) if path.name.count(".") <= 2]
-        found = [Real(path.name.partition(".")[0], path) for path in paths]
-        if with_barometer:
-            beside = [one.path.with_name(one.path.name.replace(".csv", ".baro.csv")) for one in found]
-            found = [replace(one, barometer=air) for one, air in zip(found, beside, strict=True) if air.exists()]
-    found = [one for one in found if one.path.exists()]
+    (files, words), found = SETS[name], list[Real]()
+    for word in words.split():
+        paths = [path for path in sorted(data.glob(files.format(word))) if path.name.count(".") <= 2]
+        for path in paths:  # more dots have the files beside, of barometer and receiver
+            known = path.name.partition(".")[0] if "*" in word else f"{files.partition('/')[0]} {word}"
+            air = path.with_name(path.name.replace(".csv", ".baro.csv"))
+            if not with_barometer or air.exists():
+                found.append(Real(known, path, air if with_barometer else None))
     if not found:
         raise FormatError(f"there is no recording of the set {name} in {data}: check the folder given with --data.")
     return found

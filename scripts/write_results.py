@@ -5,7 +5,6 @@
 
 ============================================= ======================================================================
 `ma2018`, `aiez2017`, `munoz-diaz2017` .json  results.json of `fg-nav lab reproduce PAPER`
-`benchmark.json`                              the peers, by `benchmark_peers.py` of commit b894e160
 any other                                     `python scripts/measure.py NAME --save`
 ============================================= ======================================================================
 
@@ -26,7 +25,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 import harness
-from experiments import Table, peers, sum_up, write_row, write_table
+from experiments import Table, write_table
 from measure import EXPERIMENTS, ROOT
 
 from fg_nav.errors import OutputError
@@ -81,7 +80,6 @@ BESIDE = {"README.md": ("tuned", "matched, both ways")}  # Columns that stand th
 OURS = ("smoother", "online", "graph")  # Columns that they show beside the paper's method: the first there is.
 
 FOLDER = Path("docs/results")
-PAPERS = ("ma2018", "aiez2017", "munoz-diaz2017")
 CHANGED = " The code has changed since."
 
 MARKED = re.compile(r"(<!-- written: ([\w-]+) -->\n).*?(<!-- end -->)", re.DOTALL)
@@ -105,7 +103,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def write_pages(root: Path) -> dict[Path, str]:
     """Text of every page that has results in it."""
-    papers = [results.read_reproduction(root / FOLDER / f"{name}.json") for name in PAPERS]
+    papers = [results.read_reproduction(root / FOLDER / f"{name}.json") for name in results.PAPERS]
     blocks = {"papers": headlines(papers, "README.md"), "pocket": headlines(papers, "docs/pocket.md")}
     blocks |= {name: lines for path in sorted((root / FOLDER).glob("*.json")) for name, lines in write_blocks(path)}
     pages = [root / "README.md", *sorted((root / "docs").glob("*.md"))]
@@ -119,19 +117,13 @@ def read_page(page: Path) -> str:
 
 
 def write_blocks(path: Path) -> Iterator[tuple[str, list[str]]]:
-    """Yield the tables of a file of the store: an experiment's own, and the sums of all its columns by its name."""
-    if path.stem not in (*EXPERIMENTS, "benchmark"):
+    """Yield the tables that an experiment makes of its file in the store."""
+    if path.stem not in EXPERIMENTS:
         return
-    content = json.loads(path.read_text(encoding="utf-8"))
-    if path.stem == "benchmark":  # of before there was one store
-        yield "peers", peers.write_peers(peers.read_benchmark(content["peers"]))
-        return
-    experiment, table = EXPERIMENTS[path.stem], Table(content["rows"])
-    heads, *rows = sum_up(table, experiment.columns)
-    blocks = {path.stem: write_table(heads, rows, words=2)}
-    blocks |= {name: write(table) for name, write in experiment.blocks.items()}
-    for name, lines in blocks.items():
-        yield name, [*lines, "", describe_stamps(path.stem, content["made"])]
+    content, experiment = json.loads(path.read_text(encoding="utf-8")), EXPERIMENTS[path.stem]
+    for name, write in experiment.blocks.items():
+        stamps = ["", describe_stamps(path.stem, content["made"])] if content["made"] else []
+        yield name, [*write(Table(content["rows"])), *stamps]
 
 
 def describe_stamps(name: str, made: Mapping[str, Mapping[str, str]]) -> str:
@@ -170,11 +162,8 @@ def document(found: Sequence[Reproduction]) -> str:
     """Return the page."""
     lines = [HEAD, *(f"* {verdict}: {meaning}" for verdict, meaning in results.MEANINGS.items()), ""]
     lines += [f"The tolerance is {100 * results.TOLERANCE:.0f} % unless a row has its own.", ""]
-    lines += ["| paper | seeds | " + " | ".join(results.VERDICTS) + " |", "|---|---|" + "---|" * len(results.VERDICTS)]
-    lines += [
-        write_row([one.paper, results.format_seeds(one), *map(str, results.count_verdicts(one).values())])
-        for one in found
-    ]
+    counts = [[one.paper, results.format_seeds(one), *map(str, results.count_verdicts(one).values())] for one in found]
+    lines += write_table(["paper", "seeds", *results.VERDICTS], counts, words=2)
     for one in found:
         lines += ["", f"## {one.paper}", "", one.citation, ""]
         lines += [f"`{one.command}`, seeds {results.format_seeds(one)}. {results.describe_counts(one)}", ""]
@@ -186,22 +175,22 @@ def document(found: Sequence[Reproduction]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def write_experiment(experiment: Experiment, walks: int) -> Iterator[str]:
-    """Yield the table of an experiment; the judged column of a row is in bold."""
-    yield write_row(["", "paper", *experiment.columns, "verdict"])
-    yield "|---|" + "---:|" * (1 + len(experiment.columns)) + "---|"
+def write_experiment(experiment: Experiment, walks: int) -> list[str]:
+    """Return the table of an experiment; the judged column of a row is in bold."""
+    rows = []
     for row in experiment.rows:
         figures = {column: format_spread(row, column, walks) for column in experiment.columns}
         if row.verdict and row.judged in figures:
             figures[row.judged] = f"**{figures[row.judged]}**"
         words = [f"**{row.verdict}**" if row.verdict else "", results.format_note(row)]
-        yield write_row([format_name(row), format_printed(row), *figures.values(), ": ".join(filter(None, words))])
+        rows.append([format_name(row), format_printed(row), *figures.values(), ": ".join(filter(None, words))])
+    return write_table(["", "paper", *experiment.columns, "verdict"], rows, last=1)
 
 
 def headlines(found: Sequence[Reproduction], page: str) -> list[str]:
     """Return the lines of another page, of one row with its spread, of several their medians."""
     beside = BESIDE.get(page, ())
-    lines = [write_row(["", "paper", "its method here", *beside, "ours"]), "|---|" + "---:|" * (3 + len(beside))]
+    lines = list[list[str]]()
     by_name = {(one.paper, experiment.name): (one, experiment) for one in found for experiment in one.experiments}
     for paper, name, what, wanted in HEADLINES[page]:
         if (paper, name) not in by_name:
@@ -217,8 +206,8 @@ def headlines(found: Sequence[Reproduction], page: str) -> list[str]:
             some = [format_spread(row, column, len(reproduction.seeds)) for row in rows]
             figures.append(some[0] if len(some) == 1 else " / ".join(one.partition(" (")[0] for one in some))
         words = f"{paper}, {name}: {format_name(replace(first, quantity=what or first.quantity))}"
-        lines.append(write_row([words, format_printed(first), *figures]))
-    return lines
+        lines.append([words, format_printed(first), *figures])
+    return write_table(["", "paper", "its method here", *beside, "ours"], lines)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Run another program on samples: started by `experiments/peers.py` with the interpreter in which it is installed.
+"""Run another program on samples: started by `experiments/cost.py` with the interpreter in which it is installed.
 
     PYTHON scripts/bench/peer_runner.py NAME FOLDER
 

@@ -12,22 +12,23 @@ from argparse import Namespace
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, TypeAlias
 
 import harness
 import numpy as np
-from harness import Figure, Option
+from harness import Figure
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import FgNavError
+from fg_nav.frames import compute_heading
 from fg_nav.recording import Recording
 from fg_nav.truth import TrajectoryTruth
+from fg_nav.walk import Options
 
-T = TypeVar("T")
 Value: TypeAlias = float | int | str | None
 Figures: TypeAlias = Mapping[str, Value]
-Found: TypeAlias = Mapping[str, Figures]
-"""Figures by variant, of one walk."""
+Found: TypeAlias = Mapping[str, Figures | Callable[[], Figures]]
+"""Figures by variant, of one walk, or what measures them."""
 
 FAILURE = "failure"  # In place of figures: why there are none.
 
@@ -51,12 +52,19 @@ class Task:
     measure: Callable[[], Found]
 
 
-def attempt(call: Callable[[], T]) -> T | Figures:
-    """Return the figures of a walk or of one variant, or why there are none."""
+def measure_variants(measure: Callable[[], Found]) -> dict[str, Figures]:
+    """Measure all variants on a walk; of one that fails, or of a walk that cannot be read, the reason."""
+    found: dict[str, Figures] = {}
     try:
-        return call()
+        variants = measure()
     except FgNavError as error:
-        return {FAILURE: str(error)}
+        return {"all": {FAILURE: str(error)}}
+    for name, one in variants.items():
+        try:
+            found[name] = one() if callable(one) else one
+        except FgNavError as error:
+            found[name] = {FAILURE: str(error)}
+    return found
 
 
 def list_seeds(chosen: Namespace, measures: Mapping[str, Callable[[int], Found]]) -> list[Task]:
@@ -73,6 +81,11 @@ def find_truth(recording: Recording) -> tuple[TrajectoryTruth, Floats]:
     return truth, truth.nav_R_body
 
 
+def give_heading(recording: Recording) -> Options:
+    """Give the true heading at the start of a simulated walk."""
+    return Options(heading_deg=float(np.degrees(compute_heading(find_truth(recording)[1][0]))))
+
+
 @dataclass(frozen=True)
 class Table:
     """Rows: `section`, `walk`, `variant`, and figures by name."""
@@ -80,13 +93,18 @@ class Table:
     rows: Sequence[Mapping[str, Any]]
 
     @property
+    def cases(self) -> list[tuple[str, str]]:
+        """Sections and variants, in the order in which they were measured."""
+        return list(dict.fromkeys((row["section"], row["variant"]) for row in self.rows))
+
+    @property
     def sections(self) -> list[str]:
         """In the order in which they were measured."""
-        return list(dict.fromkeys(row["section"] for row in self.rows))
+        return list(dict.fromkeys(section for section, _ in self.cases))
 
-    def variants(self, section: str) -> list[str]:
-        """Of a section."""
-        return list(dict.fromkeys(row["variant"] for row in self.rows if row["section"] == section))
+    def select(self, section: str) -> Table:
+        """The rows of one section."""
+        return Table([row for row in self.rows if row["section"] == section])
 
     def of(self, section: str, variant: str) -> dict[str, Mapping[str, Any]]:
         """Rows by walk."""
@@ -145,13 +163,12 @@ class Asked:
 
     def judge(self, table: Table) -> Iterable[Figure]:
         """Yield the figure of each section and variant."""
-        for section in [self.section] if self.section else table.sections:
-            for variant in [self.variant] if self.variant else table.variants(section):
-                values = table.values(section, variant, self.figure, self.over)
-                if len(values):
-                    name = f"{self.figure}, {self.summary}" + (f", over {self.over}" if self.over else "")
-                    measured = SUMMARIES[self.summary](values)
-                    yield Figure(section, name, variant, measured, self.low, self.high, self.pattern)
+        for section, variant in table.cases:
+            values = table.values(section, variant, self.figure, self.over)
+            if len(values) and self.section in ("", section) and self.variant in ("", variant):
+                name = f"{self.figure}, {self.summary}" + (f", over {self.over}" if self.over else "")
+                measured = SUMMARIES[self.summary](values)
+                yield Figure(section, name, variant, measured, self.low, self.high, self.pattern)
 
 
 Block: TypeAlias = Callable[[Table], list[str]]
@@ -168,7 +185,7 @@ class Experiment:
     list_tasks : the walks, by the arguments.
     columns, asked : what is shown and what is asked.
     seeds, first : how many simulated walks, from which on; none of an experiment on recordings alone.
-    options : of the command line, besides those of all.
+    options : of the command line, besides those of all, as `harness.parse_arguments` takes them.
     judge : more figures than those of `asked`.
     blocks : tables of pages, by the names of their marks.
     keeps_walks : whether each walk is stored, or the sums over the walks alone.
@@ -180,7 +197,7 @@ class Experiment:
     asked: Sequence[Asked] = ()
     seeds: int = 0
     first: int = harness.FIRST_SEED
-    options: Mapping[str, Option] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)
     judge: Callable[[Table], list[Figure]] = lambda table: []
     blocks: Mapping[str, Block] = field(default_factory=dict)
     keeps_walks: bool = True
@@ -194,8 +211,7 @@ def sum_up(table: Table, columns: Sequence[Column]) -> list[list[str]]:
     heads = ["section", "variant", "walks", *(column.head for column in columns)]
     rows = [
         [section, variant, f"{len(table.of(section, variant))}", *(c.write(table, section, variant) for c in columns)]
-        for section in table.sections
-        for variant in table.variants(section)
+        for section, variant in table.cases
     ]
     kept = [k for k in range(len(heads)) if k < 3 or any(row[k] for row in rows)]
     return [[row[k] or "-" for k in kept] for row in [heads, *rows]]
@@ -203,11 +219,11 @@ def sum_up(table: Table, columns: Sequence[Column]) -> list[list[str]]:
 
 def write_row(cells: Sequence[str]) -> str:
     """Write a row of a table in Markdown; what would end a cell, or be taken for a tag, is escaped."""
-    return (
-        "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ").replace("<i", "&lt;i") for cell in cells) + " |"
-    )
+    escaped = (cell.replace("|", "\\|").replace("\n", " ").replace("<i", "&lt;i") for cell in cells)
+    return f"| {' | '.join(escaped)} |"
 
 
-def write_table(heads: Sequence[str], rows: Iterable[Sequence[str]], words: int = 1) -> list[str]:
-    """Write a table in Markdown, whose first columns are words and the others figures."""
-    return [write_row(heads), "|---" * words + "|---:" * (len(heads) - words) + "|", *map(write_row, rows)]
+def write_table(heads: Sequence[str], rows: Iterable[Sequence[str]], words: int = 1, last: int = 0) -> list[str]:
+    """Write a table in Markdown, whose first and last columns are words and the others figures."""
+    marks = "|---" * words + "|---:" * (len(heads) - words - last) + "|---" * last + "|"
+    return [write_row(heads), marks, *map(write_row, rows)]

@@ -1,45 +1,49 @@
-"""What the estimators cost: a sample, a footfall of a walk in progress, and a command from its start to its end.
+"""What the estimators cost: a sample, a command from its start to its end, and other programs on the same samples.
 
 Times are of the processor, and judged as ratios within one run: times differ between machines. What is repeated counts
-by its least time, that of an idle machine. With `--jobs` of one alone they are true.
+by its least time, that of an idle machine. With `--jobs` of one alone they are true. Other programs have the samples as
+recorded, default parameters, and the magnetometer where they use one; they run in an interpreter of their own
+(`--python`, with `pip install gaitmap vqf`), by `scripts/bench/peer_runner.py`.
 """
 
 from __future__ import annotations
 
 import os
+import subprocess
 import sys
 import tempfile
 from argparse import Namespace
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
-from subprocess import DEVNULL, Popen
-from time import perf_counter, sleep
+from time import perf_counter
 from typing import Any
 
 import gtsam
 import numpy as np
-from harness import FIRST_SEED, Figure, measure_cpu, option
-from stress import HEADER, Rows, read_memory_mb
-from walks import simulate_long_walk
+import walks
+from harness import FIRST_SEED, measure_cpu, option, seeds_of
+from scipy.spatial.transform import Rotation
+from stress import HEADER, Rows
+from walks import Real, simulate_long_walk
 
-from experiments import Asked, Column, Experiment, Figures, Found, Table, Task
+from experiments import FAILURE, Asked, Column, Experiment, Figures, Found, Table, Task, write_table
 from fg_nav.detection import detect_stances
+from fg_nav.detection.stance import Stances
+from fg_nav.ekf import run_iez
 from fg_nav.errors import SimulationError
+from fg_nav.evaluation.comparison import align, interpolate_truth
 from fg_nav.io import write_canonical
 from fg_nav.lab.simulation import simulate
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import OnlineOptions, rows_of
-from fg_nav.online.estimates import StanceEstimate
-from fg_nav.online.resolve import Solver, SolverProcess, WalkSolver
-from fg_nav.online.resolve import Task as Solving
-from fg_nav.online.window import AnchorState
 from fg_nav.pipeline import prepare_walk, run_method
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.strides import POSITION_DENSITY
+from fg_nav.solution import Solution
+from fg_nav.truth import TrajectoryTruth
 from fg_nav.walk import Options, Walk
 
 SEED = 1
@@ -57,7 +61,7 @@ ASKED: Mapping[tuple[str, str], float] = {
     ("online", "bare loop"): 60.0,
 }
 """Call over another call: at most."""
-DOUBLING, FILTER_US = 1.15, 4.0  # cost a sample over that of a shorter walk; of a filter, us a sample
+FILTER_US = 4.0  # of a filter, us a sample
 
 
 def list_samples(chosen: Namespace) -> list[Task]:
@@ -74,7 +78,7 @@ def measure_samples(minutes: float, ratio: bool, repeats: int) -> Found:
     for call in list_calls(recording.slice(0, round(30 * RATE_HZ)), ratio).values():
         call()
     calls = list_calls(recording, ratio)
-    least = np.min([[measure_cpu(call)[0] for call in calls.values()] for _ in range(repeats)], axis=0)
+    least = np.min([[measure_cpu(call) for call in calls.values()] for _ in range(repeats)], axis=0)
     return {name: {"us": float(us)} for name, us in zip(calls, 1e6 * least / len(recording), strict=True)}
 
 
@@ -118,84 +122,9 @@ def follow_walk(recording: Recording) -> None:
     navigator.close()
 
 
-def judge_samples(table: Table) -> list[Figure]:
-    """Compare the cost of a sample with that on the walk before."""
-    cost = {walk: table.values(walk, "smooth", "us")[0] for walk in table.sections}
-    return [
-        Figure(whole, f"smooth a sample, over {half}", "smooth", float(cost[whole] / cost[half]), high=DOUBLING)
-        for half, whole in pairwise(table.sections)
-    ]
-
-
-# --- a footfall ------------------------------------------------------------------------------------------------------
-
-BLOCK_S = 0.1  # samples that come at once
-EVERY, EARLY = 1000, slice(500, 1500)
-
-
-def list_footfalls(chosen: Namespace) -> list[Task]:
-    """One walk in progress."""
-    mode = "the whole walk" if chosen.lag is None else f"a lag of {chosen.lag:g} s"
-    return [Task(mode, f"{chosen.minutes:g} min", partial(measure_footfalls, chosen.minutes, chosen.rate, chosen.lag))]
-
-
-def measure_footfalls(minutes: float, rate_hz: float, lag_s: float | None) -> Found:
-    """Time each push that returns a line, and what the memory of both processes is then; by the thousand, and all."""
-    recording = simulate_long_walk(minutes, SEED, rate_hz, "indoor")
-    navigator, ms, mb = OnlineNavigator(OnlineOptions(heading_rad=0.0, lag_s=lag_s)), list[float](), list[float]()
-    solver = PacedSolver(navigator)
-    block = max(1, round(BLOCK_S / recording.period_s))
-    for start in range(0, len(recording), block):
-        part, idle_s = np.s_[start : start + block], solver.idle_s
-        mag = None if recording.mag is None else recording.mag[part]
-        began = perf_counter()
-        lines = navigator.push(recording.t[part], recording.acc[part], recording.gyr[part], mag)
-        elapsed_s = perf_counter() - began - (solver.idle_s - idle_s)
-        if any(isinstance(line, StanceEstimate) for line in lines):
-            ms.append(1e3 * elapsed_s)
-            mb.append(read_memory_mb("self") + read_memory_mb(solver.process.pid or 0))
-    solver.close()
-    if len(ms) <= EARLY.start:
-        raise SimulationError(f"{len(ms)} footfalls are too few for a trend: ask for 12 minutes or more.")
-    parts: dict[str, Any] = {f"{k} to {k + EVERY}": slice(k, k + EVERY) for k in range(0, len(ms), EVERY)}
-    parts["all"] = slice(None)
-    found: dict[str, dict[str, float]] = {}
-    for name, some in parts.items():
-        found[name] = {f"p{q}": float(np.percentile(ms[some], q)) for q in (50, 99, 100)} | {"memory": mb[some][-1]}
-    if lag_s is not None:
-        late, early = np.percentile(ms[-EVERY:], 99), np.percentile(ms[EARLY], 99)
-        found["all"] |= {"late / early": float(late / early), "growth": mb[-1] / mb[len(mb) // 2]}
-    return found
-
-
-class PacedSolver(Solver):
-    """Is given the time that it would have had; `idle_s` is how long it was waited for within that."""
-
-    def __init__(self, navigator: OnlineNavigator) -> None:
-        options, self._buffer = navigator.options, navigator.buffer
-        self.process = SolverProcess({None: options})
-        super().__init__(WalkSolver(options, self._buffer), self.process)
-        self.idle_s, self._begun = 0.0, (0.0, 0.0)
-        navigator._solver = navigator.smoother.solver = self
-
-    def begin(self, task: Solving) -> None:
-        """As it does, and note when."""
-        self._begun = perf_counter(), self._buffer.newest_s
-        super().begin(task)
-
-    def take(self) -> AnchorState | None:
-        """As it does, after as long as the walk took since the task."""
-        began = perf_counter()
-        due = self._begun[0] + self._buffer.newest_s - self._begun[1]
-        while not self.is_ready() and perf_counter() < due:
-            sleep(0.001)
-        self.idle_s += perf_counter() - began
-        return super().take()
-
-
 # --- a command -------------------------------------------------------------------------------------------------------
 
-LINES = 100_000  # written at once
+LINES, REPEATS = 100_000, 3  # written at once; of the start
 HOUR = 'like = "mall"\ncourse = {points_m = [[0, 0], [0, 60], [110, 60], [110, 0], [0, 0]], laps = 15}\n'  # 5 km
 CPU, WALL, MEMORY = "processor (s)", "wall (s)", "memory (MB)"
 
@@ -203,7 +132,9 @@ CPU, WALL, MEMORY = "processor (s)", "wall (s)", "memory (MB)"
 def run_command(*words: str, variables: Mapping[str, str] | None = None) -> dict[str, float]:
     """Run `fg-nav` with these words; its processor time, its time on the wall and its memory at its highest."""
     began, command = perf_counter(), [sys.executable, "-m", "fg_nav.cli", *words]
-    process = Popen(command, stdout=DEVNULL, stderr=DEVNULL, env={**os.environ, **(variables or {})})
+    process = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env={**os.environ, **(variables or {})}
+    )
     _, status, used = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
@@ -214,18 +145,18 @@ def run_command(*words: str, variables: Mapping[str, str] | None = None) -> dict
 def list_commands(chosen: Namespace) -> list[Task]:
     """The start of the command line, hours of walking, and simulations."""
     return [
-        Task("start", "demo", partial(measure_start, chosen.repeats)),
-        *(Task("hours", f"{h:g}", partial(measure_hours, h, chosen.rate, chosen.no_field)) for h in chosen.hours),
+        Task("start", "demo", measure_start),
+        *(Task("hours", f"{hours:g}", partial(measure_hours, hours, chosen.no_field)) for hours in chosen.hours),
         Task("simulate", "mall and an hour", measure_simulator),
     ]
 
 
-def measure_start(repeats: int) -> Found:
+def measure_start() -> Found:
     """Help, a first run and one after it, with folders of each repeat for what is kept between runs."""
     spent = []
     with tempfile.TemporaryDirectory() as folder:
         write_canonical(simulate("demo", 1).recording, Path(folder) / "walk.csv")
-        for k in range(repeats):
+        for k in range(REPEATS):
             kept = {"NUMBA_CACHE_DIR": f"{folder}/numba{k}", "MPLCONFIGDIR": f"{folder}/fonts{k}"}
             run = ("run", f"{folder}/walk.csv", "--force", "--out", f"{folder}/out")
             spent.append([run_command(*words, variables=kept) for words in (("--help",), run, run)])
@@ -233,9 +164,9 @@ def measure_start(repeats: int) -> Found:
     return {name: {key: min(one[k][key] for one in spent) for key in spent[0][k]} for k, name in enumerate(names)}
 
 
-def measure_hours(hours: float, rate_hz: float, no_field: bool) -> Found:
+def measure_hours(hours: float, no_field: bool) -> Found:
     """`fg-nav run` on a walk of these hours, written in pieces."""
-    rows = Rows.simulate(FIRST_SEED, rate_hz)
+    rows = Rows.simulate(FIRST_SEED, RATE_HZ)
     count = round(3600.0 * hours / rows.period_s)
     with tempfile.TemporaryDirectory() as folder:
         with open(f"{folder}/walk.csv", "wb") as file:
@@ -257,15 +188,129 @@ def measure_simulator() -> Found:
     return runs
 
 
-def judge_hours(table: Table) -> list[Figure]:
-    """Compare walks with those of half their length."""
-    figures = []
-    for mode in table.variants("hours"):
-        cost = {float(walk): row.get(CPU, np.inf) for walk, row in table.of("hours", mode).items()}
-        for hours in [one for one in cost if one / 2.0 in cost]:
-            growth = cost[hours] / cost[hours / 2.0]
-            figures.append(Figure("hours", f"doubling to {hours:g} h", mode, growth, high=2.2))
-    return figures
+# --- other programs ---------------------------------------------------------------------------------------------------
+
+RUNNER = Path(__file__).resolve().parents[1] / "bench" / "peer_runner.py"
+LEFT_OUT: Mapping[str, str] = {
+    "fg-nav smoother": "-",
+    "fg-nav iez": "smoothing, field",
+    "gaitmap": "gyro bias, field, gaps, clipping, verdict; the ground is level",
+    "vqf": "position, sigmas of attitude",
+}
+"""What a program has no answer to, by the beginning of its name."""
+
+
+def list_peers(chosen: Namespace) -> list[Task]:
+    """Motion-captured trials, loops, and simulated walks of a minute, whose attitude is known."""
+    data, measure = walks.data_folder(chosen.data), partial(measure_programs, chosen.python, chosen.repeats)
+    real = [(name, one) for name in ("vicon", "openshoe") for one in walks.list_set(data, name)]
+    tasks = [Task(name, one.name, partial(measure, one)) for name, one in real]
+    return tasks + [Task("simulated", f"{seed}", partial(measure, seed)) for seed in seeds_of(chosen)]
+
+
+def measure_programs(python: str | None, repeats: int, source: Real | int) -> Found:
+    """Run all programs on a walk, a recording or that of a seed; times over that of the bare loop."""
+    if isinstance(source, Real):
+        walk = source.prepare(labelled=source.path.suffix == ".mat")
+        recording, stances = walk.recording, walk.stances
+    else:
+        recording = simulate("demo", source).recording
+        stances = detect_stances(recording)
+    others = ("gaitmap", "gaitmap, our stances", *(("vqf", "vqf offline") if isinstance(source, int) else ()))
+    programs: dict[str, Callable[[], tuple[float, Rotation, Any]]] = {
+        **{name: partial(run_ours, run, recording, stances, repeats) for name, run in OURS.items()},
+        **{name: partial(run_peer, python, name, recording, stances, repeats) for name in others},
+    }
+    bare_s = min(measure_cpu(partial(run_bare_loop, recording)) for _ in range(repeats))
+
+    def measure(run: Callable[[], tuple[float, Rotation, Any]]) -> Figures:
+        seconds, nav_R_body, position = run()
+        costs = {"over_bare": seconds / bare_s, "us_a_sample": 1e6 * seconds / len(recording)}
+        return {**costs, **measure_errors(recording, nav_R_body, position)}
+
+    return {name: partial(measure, run) for name, run in programs.items()}
+
+
+def run_smoother(recording: Recording, stances: Stances) -> Solution:
+    """Run the smoother, with the magnetometer where there is one, as the filters of orientation have it."""
+    if recording.mag is None:
+        return smooth(recording, stances)
+    return run_method(prepare_walk(Walk.of(recording, Options())), "smoother").solution
+
+
+OURS: Mapping[str, Callable[[Recording, Stances], Solution]] = {"fg-nav smoother": run_smoother, "fg-nav iez": run_iez}
+
+
+def run_ours(
+    run: Callable[[Recording, Stances], Solution], recording: Recording, stances: Stances, repeats: int
+) -> tuple[float, Rotation, Any]:
+    """Processor time of a method of ours, the least behind a first call, attitudes and positions."""
+    solution = run(recording, stances)
+    seconds = min(measure_cpu(partial(run, recording, stances)) for _ in range(repeats))
+    return seconds, Rotation.from_matrix(solution.nav_R_body), solution.position
+
+
+def run_peer(
+    python: str | None, name: str, recording: Recording, stances: Stances, repeats: int
+) -> tuple[float, Rotation, Any]:
+    """Run another program in its interpreter; raises `SimulationError` where that is not to be had."""
+    if python is None:
+        raise SimulationError(f"{name} needs an interpreter that has it: name that with --python.")
+    mag = np.zeros_like(recording.acc) if recording.mag is None else recording.mag.copy()
+    seen = np.isfinite(mag).all(axis=1)  # a field is held until the next sample
+    mag = mag[np.maximum.accumulate(np.where(seen, np.arange(len(mag)), np.argmax(seen)))]
+    samples: dict[str, Any] = {"t": recording.t, "acc": recording.acc, "gyr": recording.gyr, "mag": mag}
+    with tempfile.TemporaryDirectory() as folder:
+        np.savez(f"{folder}/input.npz", still=stances.mask, repeats=repeats, **samples)
+        ran = subprocess.run([python, str(RUNNER), name, folder], capture_output=True, text=True, check=False)
+        if ran.returncode:
+            raise SimulationError(f"{name} did not run: {(ran.stderr.strip().splitlines() or ['no word'])[-1][:200]}")
+        output = dict(np.load(f"{folder}/output.npz"))
+    return float(output["seconds"]), Rotation.from_quat(output["quaternion"]), output.get("position")
+
+
+def measure_errors(recording: Recording, nav_R_body: Rotation, position: Any) -> dict[str, float]:
+    """Errors of position, rms over the samples after a rotation about up and a shift, and of attitude."""
+    errors, truth = dict[str, float](), recording.truth
+    if position is not None and not isinstance(truth, TrajectoryTruth):
+        errors["closure_m"] = float(np.linalg.norm(position[-1] - position[0]))
+    elif position is not None and isinstance(truth, TrajectoryTruth):
+        row, true = interpolate_truth(truth, recording.t)
+        off = align(position[row], true).apply(position[row]) - true
+        for key, part in (("rmse_2d_m", off[:, :2]), ("rmse_3d_m", off)):
+            errors[key] = float(np.sqrt((part**2).sum(axis=1).mean()))
+    if isinstance(truth, TrajectoryTruth) and truth.nav_R_body is not None and len(truth.t) == len(recording):
+        turn = nav_R_body * Rotation.from_matrix(truth.nav_R_body).inv()  # in nav: about up, and the rest
+        x, y, z, w = turn.as_quat().T
+        heading = np.unwrap(2.0 * np.arctan2(z, w))
+        tilt = 2.0 * np.arcsin(np.hypot(x, y).clip(max=1))
+        errors["heading_deg"] = float(np.degrees((heading - heading.mean()).std()))
+        errors["inclination_deg"] = float(np.degrees(np.sqrt(np.mean(tilt**2))))
+    return errors
+
+
+COLUMNS = tuple(
+    Column(figure, head, "median", pattern)
+    for figure, head, pattern in (
+        ("over_bare", "over the bare loop", "{:.2f}"), ("us_a_sample", "us a sample", "{:.2f}"),
+        ("rmse_2d_m", "2-D (m)", "{:.3f}"), ("rmse_3d_m", "3-D (m)", "{:.3f}"),
+        ("closure_m", "start to end (m)", "{:.2f}"), ("heading_deg", "heading (deg)", "{:.2f}"),
+        ("inclination_deg", "inclination (deg)", "{:.2f}"),
+    )
+)  # fmt: skip
+
+
+def write_peers(table: Table) -> list[str]:
+    """Write speed, errors and scope of each program, one row a set."""
+    lines = []
+    for section, variant in table.cases:
+        rows = list(table.of(section, variant).values())
+        failure = next((row[FAILURE] for row in rows if row.get(FAILURE)), "")
+        cells = ["-" if failure else column.write(table, section, variant) or "-" for column in COLUMNS]
+        known = next((words for begin, words in LEFT_OUT.items() if variant.startswith(begin)), "")
+        scope = failure or rows[0].get("leaves_out", known)
+        lines.append([section, variant, f"{rows[0].get('walks', len(rows))}", *cells, scope])
+    return write_table(["set", "program", "walks", *(column.head for column in COLUMNS), "leaves out"], lines, 2, 1)
 
 
 EXPERIMENTS: Mapping[str, Experiment] = {
@@ -291,32 +336,6 @@ EXPERIMENTS: Mapping[str, Experiment] = {
             "minutes": option(None, "of the walks", type=float, nargs="+", metavar="M"),
             "repeats": option(3, "how often all is run", metavar="N"),
         },
-        judge=judge_samples,
-    ),
-    "footfalls": Experiment(
-        """What a footfall costs online, however long the walk, from the push that completes it to its line, ms.
-
-        `OnlineNavigator.push` for hours round a corridor with a magnetometer, a tenth of a second at a time, solved
-        again in a process beside it; a row each thousand lines, and memory of both processes, MB. The walk is pushed
-        faster than it was walked, so where it waits for the other process, the time that this would have had is not
-        counted. With a lag: p99 of the last thousand lines over that of lines 500 to 1500, memory over that at half of
-        the walk.""",
-        list_footfalls,
-        (
-            *(Column(f"p{q}", name, "mean", "{:.1f}") for q, name in ((50, "p50"), (99, "p99"), (100, "longest"))),
-            Column("memory", "memory", "mean", "{:.0f}"),
-            Column("late / early", "late / early", "mean", "{:.2f}"),
-            Column("growth", "growth", "mean", "{:.2f}"),
-        ),
-        [
-            Asked(figure, "mean", high=high, variant="all")
-            for figure, high in (("p50", 10), ("p99", 60), ("p100", 250), ("late / early", 1.3), ("growth", 1.05))
-        ],
-        options={
-            "minutes": option(20.0, "of walking", metavar="N"),
-            "lag": option(None, "fixed lag (none: the whole walk)", type=float, metavar="SECONDS"),
-            "rate": option(100.0, "of the samples", metavar="HZ"),
-        },
     ),
     "commands": Experiment(
         """What commands cost, each a process of its own: processor time, time on the wall, memory at its highest.
@@ -336,10 +355,24 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         ],
         options={
             "hours": option([1.0, 2.0], "of walking", type=float, nargs="+", metavar="H"),
-            "rate": option(200.0, "of the samples", metavar="HZ"),
             "no_field": option(False, "without the magnetometer"),
-            "repeats": option(3, "how often the start is measured", metavar="N"),
         },
-        judge=judge_hours,
+    ),
+    "peers": Experiment(
+        """Other programs beside ours on the same samples: how fast, how far off, and what each leaves out.
+
+        vicon: trials of a foot with motion capture, stances by PyShoe's labels; openshoe: loops that end where they
+        began; simulated: walks of the scenario `demo`, a minute each, indoor field, true attitude known. Time is of the
+        processor, the least of the repeats behind a first call, over that of the bare loop on the same samples.
+        Position: rms over the samples of what a rotation about up and a shift leave; attitude: rms, heading with its
+        mean off, and inclination; medians over the walks.""",
+        list_peers,
+        COLUMNS,
+        seeds=6,
+        options={
+            "python": option(None, "the interpreter that has the others", metavar="PYTHON"),
+            "repeats": option(3, "how often all is run", metavar="N"),
+        },
+        blocks={"peers": write_peers},
     ),
 }  # fmt: skip

@@ -33,19 +33,18 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 
-import harness
 import numpy as np
 import walks
-from harness import option
+from harness import option, seeds_of
 from scipy.stats import chi2
 from walks import Real
 
-from experiments import Asked, Column, Experiment, Figures, Found, Table, Task, attempt, write_table
+from experiments import Asked, Column, Experiment, Found, Table, Task, find_truth, give_heading, write_table
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection.stance import Stances
 from fg_nav.errors import EvaluationError
 from fg_nav.evaluation.comparison import align, interpolate_truth, lift_to_space, match_footprints, yaw_between
-from fg_nav.frames import compute_heading, wrap_angle, yaw_rotation
+from fg_nav.frames import wrap_angle, yaw_rotation
 from fg_nav.lab.simulation import Choices, scenario, simulate
 from fg_nav.lab.simulation.path import polyline
 from fg_nav.lab.simulation.plan import Section, Stand
@@ -92,24 +91,6 @@ class Seen:
     is_aligned: bool
 
 
-@dataclass(frozen=True)
-class Measured:
-    """Errors of a walk, of one kind, squared over the claim (N,)."""
-
-    squared: Floats
-    freedom: int = 1
-
-    @property
-    def inside(self) -> float:
-        """Share in the region of 95 %."""
-        return float(np.mean(self.squared < chi2.ppf(REGION, self.freedom)))
-
-    @property
-    def ratio(self) -> float:
-        """Root mean square of error over sigma, per degree of freedom."""
-        return float(np.sqrt(self.squared.mean() / self.freedom))
-
-
 class JointErrors:
     """The errors of a walk after its gauge, and the weights (F, 4, N) of the footfalls' errors in them."""
 
@@ -143,12 +124,12 @@ class JointErrors:
         self.of_yaw[self.first, :2, 0] -= self.weight.sum(axis=0)
         self.yaw_variance, self.with_yaw = joint.combine(self.of_yaw)
 
-    def measure(self) -> dict[str, Measured]:
-        """Measure all, by the names of `FREEDOM`."""
+    def measure(self) -> dict[str, Floats]:
+        """Errors of each kind of `FREEDOM`, squared over the claim (N,)."""
         heading = self.measure_stretches() if self.seen.nav_R_body is None else self.measure_yaws(self.seen.nav_R_body)
         return {**self.measure_places(), "length": self.measure_lengths(), "heading": heading}
 
-    def measure_places(self) -> dict[str, Measured]:
+    def measure_places(self) -> dict[str, Floats]:
         """Measure the positions relative to the first."""
         s2, h, total = self.seen.sigma_m**2, self.slope, self.weight.sum(axis=0)
         # cov(d_k - d_0 + errors of the truth, psi'), and the variance of psi'
@@ -158,7 +139,7 @@ class JointErrors:
         C = C + variance * h[:, :, None] * h[:, None]
         e = (self.p - self.q)[1:]
         squared = np.einsum("ki,kij,kj->k", e[:, :2], np.linalg.inv(C), e[:, :2])
-        found = {"horizontal": Measured(squared, 2)}
+        found = {"horizontal": squared}
         # along each move, and left of it
         move = np.diff(self.q[:, :2], axis=0)
         length = np.linalg.norm(move, axis=1)
@@ -166,12 +147,12 @@ class JointErrors:
         ahead = move[moved] / length[moved, None]
         for name, axis in (("along", ahead), ("across", ahead @ TURN.T)) if moved.any() else ():
             error = np.sum(axis * e[moved, :2], axis=1)
-            found[name] = Measured(error**2 / np.einsum("ki,kij,kj->k", axis, C[moved], axis))
+            found[name] = error**2 / np.einsum("ki,kij,kj->k", axis, C[moved], axis)
         if self.seen.has_height:
-            found["height"] = Measured(e[:, 2] ** 2 / self.relative[:, 2, 2])
+            found["height"] = e[:, 2] ** 2 / self.relative[:, 2, 2]
         return found
 
-    def measure_lengths(self) -> Measured:
+    def measure_lengths(self) -> Floats:
         """Measure the path over the ground, up to some of the footfalls."""
         until = np.unique(np.linspace(0, len(self.p) - 1, PLACES + 1).round().astype(int))[1:]
         level = self.p * [1.0, 1.0, 0.0]
@@ -180,13 +161,13 @@ class JointErrors:
         longer = np.diff([np.linalg.norm(np.diff(path[:, :2], axis=0), axis=1) for path in (self.q, self.p)], axis=0)[0]
         return self.weigh(np.cumsum(longer)[until - 1], weights)
 
-    def measure_yaws(self, nav_R_body: Floats) -> Measured:
+    def measure_yaws(self, nav_R_body: Floats) -> Floats:
         """Measure the heading at each footfall but the first, whose own is the gauge."""
         error = wrap_angle(yaw_between(nav_R_body, self.stances.nav_R_body[self.seen.row])[1:] - self.yaw)
         of_fit = self.yaw_variance[0, 0] + self.seen.sigma_m**2 * np.sum(self.of_yaw[:, :3] ** 2)
-        return Measured(error**2 / (self.own[self.later, 3, 3] - 2 * self.with_yaw[self.later, 3, 0] + of_fit))
+        return np.asarray(error**2 / (self.own[self.later, 3, 3] - 2 * self.with_yaw[self.later, 3, 0] + of_fit))
 
-    def measure_stretches(self) -> Measured:
+    def measure_stretches(self) -> Floats:
         """Measure by how much each part of the walk is turned."""
         edges = np.unique(np.linspace(0, len(self.p) - 1, STRETCHES + 1).round().astype(int))
         error, columns = [], []
@@ -199,10 +180,10 @@ class JointErrors:
             error.append(np.arctan2(np.sum(p * (q @ TURN.T)), np.sum(p * q)))
         return self.weigh(np.array(error), np.stack(columns, axis=2))
 
-    def weigh(self, error: Floats, weights: Floats) -> Measured:
+    def weigh(self, error: Floats, weights: Floats) -> Floats:
         """Measure combinations (N,) of the errors with weights (F, 4, N)."""
         of_truth = self.seen.sigma_m**2 * np.sum(weights[:, :3] ** 2, axis=(0, 1))
-        return Measured(error**2 / (np.diagonal(self.joint.combine(weights)[0]) + of_truth))
+        return np.asarray(error**2 / (np.diagonal(self.joint.combine(weights)[0]) + of_truth))
 
 
 # --- do the sigmas hold ----------------------------------------------------------------------------------------------
@@ -220,19 +201,19 @@ SIMULATED = {
 def list_coverage(chosen: Namespace) -> list[Task]:
     """Real walks without their magnetometer, gdin with it too, and simulated ways."""
     data, tasks = walks.data_folder(chosen.data), []
-    for section, with_mag in (("vicon", False), ("gdin", False), ("gdin, magnetometer", True), ("gdlbio", False)):
-        some = walks.list_set(data, section.partition(",")[0])
-        tasks += [Task(section, one.name, partial(cover_real, one, with_mag)) for one in some]
-    for section, (field, given) in SIMULATED.items():
-        way = partial(cover_way, chosen.length, field, given)
-        tasks += [Task(section, f"{seed}", partial(way, seed)) for seed in harness.seeds_of(chosen)]
+    for section in ("vicon", "gdin", "gdin, magnetometer", "gdlbio"):
+        name, _, mag = section.partition(", ")
+        tasks += [Task(section, one.name, partial(cover_real, one, bool(mag))) for one in walks.list_set(data, name)]
+    for section, case in SIMULATED.items():
+        way = partial(cover_way, chosen.length, *case)
+        tasks += [Task(section, f"{seed}", partial(way, seed)) for seed in seeds_of(chosen)]
     return tasks
 
 
 def cover_real(real: Real, with_mag: bool) -> Found:
     """Measure one real walk; with its magnetometer the heading at the start is not given."""
     walk = real.prepare(Options() if with_mag else None)
-    return {"smoother": attempt(partial(cover, walk, None if with_mag else 0.0, None))}
+    return {"smoother": partial(cover, walk, None if with_mag else 0.0, None)}
 
 
 def cover_way(length_m: float, field: str | None, given: bool, seed: int) -> Found:
@@ -253,15 +234,12 @@ def cover_way(length_m: float, field: str | None, given: bool, seed: int) -> Fou
 
     base = replace(scenario("demo"), name="way", route=draw_route, worn="heel", sensor=sensor)
     recording = simulate(base, seed, Choices(field=field or "homogeneous", feet="moving")).recording
-    assert isinstance(recording.truth, TrajectoryTruth)
-    assert recording.truth.nav_R_body is not None
-    heading_deg = float(np.rad2deg(compute_heading(recording.truth.nav_R_body[0])))
-    options = Options(heading_deg=heading_deg if given or field is None else None)
+    options = give_heading(recording) if given or field is None else Options()
     walk = prepare_walk(Walk.of(recording, options))
-    return {"smoother": attempt(partial(cover, walk, walk.options.heading_rad, field is not None or given))}
+    return {"smoother": partial(cover, walk, walk.options.heading_rad, field is not None or given)}
 
 
-def cover(walk: Walk, heading: float | None, is_aligned: bool | None) -> Figures:
+def cover(walk: Walk, heading: float | None, is_aligned: bool | None) -> dict[str, float]:
     """Smooth a walk, and measure its errors over their claim where the truth saw it.
 
     `is_aligned` is that of a simulated truth, which saw all footfalls with their attitudes; None with a real one, which
@@ -269,7 +247,7 @@ def cover(walk: Walk, heading: float | None, is_aligned: bool | None) -> Figures
     """
     smoothed = smooth_graph(walk.recording, walk.stances, heading=heading, field=walk.field)
     solution = smoothed.solution
-    truth = walk.recording.truth if walk.truth is None else walk.truth
+    truth = walk.truth
     assert truth is not None
     row, place = find_seen(solution, walk.stances, truth)
     if len(row) < FEWEST:
@@ -278,12 +256,13 @@ def cover(walk: Walk, heading: float | None, is_aligned: bool | None) -> Figures
         planar = isinstance(truth, FootprintTruth)
         seen = Seen(row, place, FOOTPRINT_SIGMA_M if planar else CAPTURE_SIGMA_M, not planar, None, False)
     else:
-        assert isinstance(truth, TrajectoryTruth)
-        assert truth.nav_R_body is not None
-        seen = Seen(row, place, 0.0, True, truth.nav_R_body[solution.stances.sample[row]], is_aligned)
-    found = JointErrors(solution.stances, smoothed.joint, seen).measure()
-    shares = {kind: one.inside for kind, one in found.items()}
-    return shares | {f"{kind} ratio": one.ratio for kind, one in found.items()}
+        nav_R_body = find_truth(walk.recording)[1][solution.stances.sample[row]]
+        seen = Seen(row, place, 0.0, True, nav_R_body, is_aligned)
+    figures = dict[str, float]()
+    for kind, squared in JointErrors(solution.stances, smoothed.joint, seen).measure().items():
+        figures[kind] = float(np.mean(squared < chi2.ppf(REGION, FREEDOM[kind])))
+        figures[f"{kind} ratio"] = float(np.sqrt(squared.mean() / FREEDOM[kind]))
+    return figures
 
 
 def find_seen(solution: Solution, stances: Stances, truth: Truth) -> tuple[Ints, Floats]:

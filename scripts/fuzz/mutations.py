@@ -5,8 +5,7 @@ samples   rows (n, 10) of t s, acc m/s^2, gyr rad/s, mag uT: axes, units, stamps
 bytes     of any file: flips, insertions, deletions, cuts, zeros, other encodings, numbers of 8 bytes exchanged
 table     text in rows and fields: broken (fields, columns, rows replaced, lost, doubled), or varied: still readable,
           with other numbers
-numbers   of a text: signs, other units, beyond all bounds, none at all, or somewhat else
-tree      of JSON: leaves replaced or varied, keys lost, added or renamed
+tree      of JSON: leaves replaced or varied, keys lost or renamed
 ========= ==========================================================================================================
 
 The campaign (`scripts/fuzz/run.py`) draws from here, and so do the tests of broken files.
@@ -14,7 +13,6 @@ The campaign (`scripts/fuzz/run.py`) draws from here, and so do the tests of bro
 
 from __future__ import annotations
 
-import contextlib
 import copy
 import gzip
 import re
@@ -49,7 +47,6 @@ CHANGES: Mapping[str, Mutation[Floats]] = {
     "lost": lambda x, rng: np.full_like(x, draw(rng, (np.nan, np.nan, np.inf, -np.inf, 1e9, 1e38, -1e200, 1e308))),
     "held": lambda x, rng: np.repeat(x[:1] * draw(rng, (0.0, 1.0, 1.0)), len(x), axis=0),
     "clipped": lambda x, rng: np.clip(x, *draw(rng, ((-4.4, 4.4), (-10.0, 10.0), (-30.0, 30.0), (-80.0, 80.0)))),
-    "negated": lambda x, rng: -x,
     "turned": lambda x, rng: x[:, rng.permutation(x.shape[1])] * rng.choice([-1.0, 1.0], x.shape[1]),
     "unit": lambda x, rng: x * draw(rng, UNITS),
     "scaled": lambda x, rng: x * np.exp(rng.uniform(-1.2, 1.2)) + draw(rng, (0.0, 0.01, 0.3, 10.0)) * rng.normal(),
@@ -57,7 +54,6 @@ CHANGES: Mapping[str, Mutation[Floats]] = {
     "noisy": lambda x, rng: x + rng.normal(0.0, draw(rng, (0.1, 1.0, 10.0)), x.shape),
     "coarse": lambda x, rng: np.round(x * (steps := draw(rng, (0.1, 1.0, 10.0)))) / steps,
     "magnet": lambda x, rng: x + np.hanning(len(x))[:, None] * rng.normal(0.0, draw(rng, (10.0, 150.0)), x.shape[1]),
-    "reversed": lambda x, rng: x[::-1].copy(),
     "shuffled": lambda x, rng: rng.permutation(x),
 }
 """Of the samples (m, k) of some columns in a stretch."""
@@ -83,7 +79,6 @@ CLOCKS: Mapping[str, Mutation[Floats]] = {
     "jitter": lambda t, rng: t + rng.normal(0.0, draw(rng, (1e-3, 0.01, 0.1)), len(t)),
     "sorted jitter": lambda t, rng: np.sort(t + rng.normal(0.0, draw(rng, (1e-3, 0.01, 0.1)), len(t))),
     "no time": lambda t, rng: 0.0 * t + rng.normal(),
-    "backward": lambda t, rng: t[::-1].copy(),
     "out of order": lambda t, rng: rng.permutation(t),
     "another rate": lambda t, rng: t * rng.uniform(0.3, 3.0),
     "step": lambda t, rng: t + np.where(t > t[rng.integers(len(t))], draw(rng, (0.3, 3.0, 1e4, 1e9)), 0.0),
@@ -92,7 +87,6 @@ CLOCKS: Mapping[str, Mutation[Floats]] = {
 """Of the stamps (n,) from 0 on."""
 
 SAMPLE_MUTATIONS = (*CHANGES, *STRETCHES, *CLOCKS)
-DEFECTS = ("lost", "gap", "restart", "sent again", "far ahead")  # of a sensor that is otherwise right
 
 
 def draw_stretch(rows: Floats, rng: Rng) -> slice:
@@ -122,10 +116,9 @@ def mutate_samples(rows: Floats, rng: Rng, some: Sequence[str] = SAMPLE_MUTATION
 # --- numbers ---------------------------------------------------------------------------------------------------------
 
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?(?![\w.])")
-UNIT_FACTORS = (1e3, 1e-3, -1.0, 100.0, 1e9, 1e300, 0.0, 1e-300, 57.3, 5.0)
-FACTORS = (0.3, 0.5, 0.9, 0.999, 1.001, 1.1, 2.0, 3.0, -1.0, 0.0)
+FACTORS = (0.3, 0.5, 0.9, 0.999, 1.001, 1.1, 2.0, 3.0, -1.0, 0.0, 57.3, 1e3, 1e-3, 1e300)
 STEPS = (0.0, 0.0, 1e-3, 0.1, 1.0, 30.0, 1e3)
-"""A number that is varied becomes a factor times itself, and a normal deviate times a step."""
+"""A number that is varied becomes a factor times itself, as in another unit, and a normal deviate times a step."""
 FIELDS = (
     "", "nan", "NaN", "inf", "-inf", "1e308", "-1e200", "1e400", "0x1", "1,2", '"', "\0", "١", "-", "--1", "1e", "#",
     "0", "-1", "1_000", "9" * 400, "None", "true", "=1+1", "\u2028", "1\r2",
@@ -138,25 +131,14 @@ def vary_number(number: float, rng: Rng) -> float:
     return float(draw(rng, FACTORS) * number + draw(rng, STEPS) * rng.normal())
 
 
-def change_field(text: str, change: Callable[[float], float]) -> str:
-    """Change the number in a field, written as it was: a whole number stays one; what is no number stays."""
-    with contextlib.suppress(ValueError, OverflowError):
-        number = change(float(text))
-        return str(round(number)) if text.strip().lstrip("+-").isdigit() else repr(number)
-    return text
+def change_numbers(text: str, change: Callable[[float], float]) -> str:
+    """Change the numbers in a text, each written as it was: a whole number stays one."""
 
+    def write(found: re.Match[str]) -> str:
+        number = change(float(found[0]))
+        return str(round(number)) if found[0].lstrip("+-").isdigit() and np.isfinite(number) else repr(number)
 
-def change_numbers(text: str, rng: Rng, separator: str = "") -> str:
-    """Multiply all numbers or one in ten as by another unit, or replace or vary one to four of them."""
-    kind, share, factor = rng.integers(4), rng.choice([1.0, 0.1]), float(draw(rng, UNIT_FACTORS))
-    if kind < 2:
-        return NUMBER.sub(lambda found: repr(float(found[0]) * factor) if rng.random() < share else found[0], text)
-    places = list(NUMBER.finditer(text))
-    some = {draw(rng, places) for _ in range(rng.integers(1, 5))} if places else set()
-    for found in sorted(some, key=lambda one: -one.start()):
-        new = draw(rng, FIELDS) if kind == 2 else change_field(found[0], lambda number: vary_number(number, rng))
-        text = text[: found.start()] + new + text[found.end() :]
-    return text
+    return NUMBER.sub(write, text)
 
 
 # --- bytes -----------------------------------------------------------------------------------------------------------
@@ -164,12 +146,10 @@ def change_numbers(text: str, rng: Rng, separator: str = "") -> str:
 ENCODINGS: tuple[Callable[[bytes], bytes], ...] = (
     lambda data: b"\xef\xbb\xbf" + data,
     lambda data: data.decode("latin-1").encode("utf-16"),
-    lambda data: data.decode("latin-1").encode("utf-16-be"),
     lambda data: data.decode("latin-1").encode("utf-32"),
     lambda data: gzip.compress(data, 1, mtime=0),
     lambda data: gzip.compress(data, 1, mtime=0)[: len(data) // 8],
     lambda data: data.replace(b"\n", b"\r\n"),
-    lambda data: data.replace(b"\n", b"\r"),
     lambda data: data + data,
     lambda data: b"",
     lambda data: data.replace(b"\n", b""),
@@ -239,7 +219,7 @@ def _vary(table: Table, rows: slice, k: int, rng: Rng) -> Table:
     factor, offset, noise = draw(rng, FACTORS), draw(rng, STEPS) * rng.normal(), draw(rng, STEPS)
     stop = k + int(rng.choice([1, 3]))
     for line in table[rows]:
-        line[k:stop] = [change_field(f, lambda x: factor * x + offset + noise * rng.normal()) for f in line[k:stop]]
+        line[k:stop] = [change_numbers(f, lambda x: factor * x + offset + noise * rng.normal()) for f in line[k:stop]]
     return table
 
 
@@ -304,14 +284,11 @@ def change_tree(tree: Any, rng: Rng, breaks: bool) -> Any:
             del holder[key]
         elif kind < 9:
             holder[key] = copy.deepcopy(draw(rng, LEAVES))
-            for _ in range(300 if rng.random() < 0.03 else 0):  # as deep as is written three times over
-                holder[key] = [holder[key]]
         elif isinstance(leaf, bool | int):
             holder[key] = (not leaf) if isinstance(leaf, bool) else leaf + draw(rng, (-1, 1, 2, 100))
         else:
             holder[key] = vary_number(leaf, rng) if isinstance(leaf, float) else draw(rng, NAMES)
-    lists = [holder[key] for holder, key in list_places(tree) if isinstance(holder[key], list) and not breaks]
-    for matrix in lists:
+    for matrix in [h[k] for h, k in list_places(tree) if isinstance(h[k], list) and not breaks]:
         for row in range(len(matrix) if all(isinstance(r, list) and len(r) == len(matrix) for r in matrix) else 0):
             matrix[row][:row] = [matrix[k][row] for k in range(row)]
     return tree

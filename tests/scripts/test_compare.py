@@ -62,8 +62,8 @@ def test_a_failed_walk_is_infinitely_wrong_and_named(capsys):
 def test_what_cannot_be_is_said_before_anything_is_simulated():
     with pytest.raises(EstimationError, match="mistake"):
         script.parse(["--methods", "mistake"])
-    with pytest.raises(SimulationError, match="there is no field 'fog'"):
-        script.parse(["--fields", "fog"])
+    with pytest.raises(SimulationError, match="nowhere"):
+        script.parse(["--scenarios", "nowhere"])
     chosen = script.parse(["--quick"])
     assert {"smoother", "online", "card", "iez"} <= set(chosen.methods)
     assert chosen.seeds == 2

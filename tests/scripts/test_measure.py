@@ -11,6 +11,7 @@ from fg_nav.lab.campaign.walks import Simulated
 from fg_nav.lab.simulation import scenario, simulate
 from fg_nav.smoother import SmootherParameters
 from fg_nav.smoother.strides import place_nodes
+from fg_nav.walk import Walk
 from tests.real_data import DATA, needs_data
 from tests.scripts import load_script
 
@@ -20,12 +21,9 @@ measure = load_script("measure")
 experiments = load_script("experiments")
 accuracy = load_script("experiments.accuracy")
 coverage = load_script("experiments.coverage")
-verdicts = load_script("experiments.verdicts")
-feet = load_script("experiments.feet")
-magnetic = load_script("experiments.magnetic")
 online = load_script("experiments.online")
 places = load_script("experiments.places")
-pocket = load_script("experiments.pocket")
+worn = load_script("experiments.worn")
 
 
 def table(*rows):
@@ -76,15 +74,17 @@ def test_sections_are_chosen_by_how_they_begin_and_what_cannot_be_read_has_faile
     def refuse():
         raise EstimationError("no such walk.")
 
-    tasks = [experiments.Task("ab", "x", refuse), experiments.Task("b", "101", lambda: {"ours": {"error": 1.0}})]
+    tasks = [experiments.Task("ab", "x", refuse)]
+    tasks += [experiments.Task("b", "101", lambda: {"ours": {"error": 1.0}, "iez": refuse})]
     experiment = experiments.Experiment("about", lambda chosen: tasks, [])
     chosen = measure.select_tasks(experiment, measure.parse(experiment, ["--only", "a"]))
     assert chosen == tasks[:1]
     with pytest.raises(SimulationError, match="no such section"):
         measure.select_tasks(experiment, measure.parse(experiment, ["--only", "c"]))
-    failed, measured = measure.run_tasks(tasks, 1).rows
+    failed, measured, refused = measure.run_tasks(tasks, 1).rows
     assert failed == {"section": "ab", "walk": "x", "variant": "all", "failure": "no such walk."}
     assert measured == {"section": "b", "walk": "101", "variant": "ours", "error": 1.0}
+    assert refused == {"section": "b", "walk": "101", "variant": "iez", "failure": "no such walk."}
 
 
 def test_an_experiment_that_is_not_there_is_named_and_all_are_listed(capsys):
@@ -98,8 +98,7 @@ def test_an_experiment_that_is_not_there_is_named_and_all_are_listed(capsys):
 def test_every_column_that_is_asked_is_one_that_is_measured():
     for name, one in measure.EXPERIMENTS.items():
         figures = {column.figure for column in one.columns}
-        extra = {"worst", "off, unseen", "not to be used"}
-        assert {asked.figure for asked in one.asked} <= figures | extra, name
+        assert {asked.figure for asked in one.asked} <= figures, name
 
 
 # --- the experiments -------------------------------------------------------------------------------------------------
@@ -108,20 +107,15 @@ def test_every_column_that_is_asked_is_one_that_is_measured():
 @pytest.fixture(scope="module")
 def demo():
     recording = simulate("demo", 3).recording
-    return walks.Walk("demo", recording, detect_stances(recording))
+    return Walk(recording, detect_stances(recording), recording.truth)
 
 
-def test_a_solution_is_measured_and_one_that_fails_says_why(demo):
+def test_a_solution_is_measured(demo):
     found = {name: accuracy.measure_solution(demo, one) for name, one in accuracy.METHODS.items()}
     for row in found.values():
         assert 0 < row["rmse_2d_m"] < 0.3
         assert row["strides_detected"] == demo.stances.n_footfalls - 1
         assert 0 < row["nees"] < np.inf
-
-    def fail():
-        raise EstimationError("no such walk.")
-
-    assert experiments.attempt(fail) == {"failure": "no such walk."}
 
 
 def test_each_part_left_out_is_a_smoother_of_its_own(demo):
@@ -137,42 +131,40 @@ def test_each_part_left_out_is_a_smoother_of_its_own(demo):
     assert 0.01 < scale["plain zero velocity"] - scale["default"] < 0.04
 
 
-def test_walks_behind_passes_and_a_staircase_are_found():
+def test_walks_behind_and_a_staircase_are_found():
     def row(section, walk, variant, **more):
         return {"section": section, "walk": walk, "variant": variant, **more}
 
     rows = [row("gdin", "a", "inertial", rmse_2d_m=0.30), row("gdin", "a", "iez", rmse_2d_m=0.26)]
     rows += [row("gdin", "b", "inertial", rmse_2d_m=0.30), row("gdin", "b", "iez", rmse_2d_m=0.28)]  # behind by 2 cm
-    ends = {"1_13_straight_a": (100.0, 0.1), "1_13_straight_b": (101.0, 0.0), "1_14_stair_up": (9.0, 3.0)}
-    ends["1_14_stair_down"] = (9.0, -3.2)
+    ends = {"1_13_straight_a": (100.0, 0.1), "1_14_stair_up": (9.0, 3.0), "1_14_stair_down": (9.0, -3.2)}
     rows += [row("mtig, barometer", walk, "inertial", ground_m=d, z_m=z) for walk, (d, z) in ends.items()]
     found = experiments.Table(rows)
     assert accuracy.list_behind(found) == [("gdin", "a", 0.30, 0.26)]
     by_name = {figure.name: figure for figure in accuracy.judge_real_walks(found)}
-    assert by_name["2 passes of a corridor, apart (%)"].measured == pytest.approx(100 / 100.5)
     assert by_name["stairs up and down, apart (m)"].measured == pytest.approx(0.2)
     assert by_name["stairs up and down, apart (m)"].mark == "missed"
 
 
 def test_a_simulated_way_is_covered_by_its_sigmas():
-    found = coverage.cover_way(120.0, None, True, 401)["smoother"]
+    found = experiments.measure_variants(lambda: coverage.cover_way(120.0, None, True, 401))["smoother"]
     assert "failure" not in found
     assert found["horizontal"] > 0.5
     assert 0.01 < found["horizontal ratio"] < 3.0
 
 
 def test_spoiled_recordings_are_not_trusted():
-    raw = verdicts.simulate_demo(301)
-    turned = verdicts.turn_gyr(np.eye(3)[[1, 0, 2]], raw)
+    raw = accuracy.simulate_demo(301)
+    turned = accuracy.turn_gyr(np.eye(3)[[1, 0, 2]], raw)
     judged = {
-        name: verdicts.judge_walk("simulated", lambda some=some: some, ["smoother"])["smoother"]
+        name: accuracy.judge_walk("simulated", lambda some=some: some, ["smoother"])["smoother"]
         for name, some in (("good", raw), ("axes", turned))
     }
-    assert judged["good"]["word"] == "trusted"
-    assert judged["axes"]["word"] != "trusted"
-    assert len(verdicts.thin_out(raw).t) < len(raw.t) / 5
-    assert np.abs(verdicts.clip(raw).gyr).max() == pytest.approx(np.abs(raw.gyr).max() / 2)
-    assert np.isfinite(verdicts.loosen(1, raw).gyr).all()
+    assert judged["good"]["trusted"] == 1
+    assert judged["axes"]["trusted"] == 0
+    assert len(accuracy.thin_out(raw).t) < len(raw.t) / 5
+    assert np.abs(accuracy.clip(raw).gyr).max() == pytest.approx(np.abs(raw.gyr).max() / 2)
+    assert np.isfinite(accuracy.loosen(1, raw).gyr).all()
 
 
 def test_laps_wander_aside_by_what_they_say():
@@ -188,7 +180,9 @@ def test_loops_are_measured_printed_and_stored(tmp_path, capsys):
     given = ["real-walks", "--data", str(DATA), "--only", "loops", "--per-walk", "--save", "--store", str(tmp_path)]
     measure.main(given)
     content = json.loads((tmp_path / "real-walks.json").read_text())
-    assert [row["walk"] for row in content["rows"][::2]] == list(walks.LOOPS)
+    assert [row["walk"] for row in content["rows"][::2]] == [
+        f"{name} {word}" for name in ("openshoe", "xio") for word in walks.SETS[name][1].split()
+    ]
     assert all(row["ground_m"] < 2.0 for row in content["rows"])
     out = capsys.readouterr().out
     assert "openshoe 13" in out
@@ -197,14 +191,15 @@ def test_loops_are_measured_printed_and_stored(tmp_path, capsys):
 
 @needs_data
 def test_recordings_are_prepared_as_a_run_does():
-    walk = next(one for one in walks.list_set(DATA, "mti round") if one.name == "hallway_walk_trial2").read()
+    walk = next(one for one in walks.list_set(DATA, "mti round") if one.name == "hallway_walk_trial2").prepare()
     assert len(walk.recording) == 3565  # a header, and a row that is no sample
     assert any("accelerometer bias" in note for note in walk.recording.provenance.notes)
     aided = next(one for one in walks.list_set(DATA, "mtig", True) if one.name.startswith("2022_1_13_straight_run"))
-    assert len(aided.read().recording.pressure) == len(aided.read().recording)
-    surveyed = next(one for one in walks.list_set(DATA, "gdin") if one.name == "gdin 36").read()
+    recording = aided.prepare().recording
+    assert len(recording.pressure) == len(recording)
+    surveyed = next(one for one in walks.list_set(DATA, "gdin") if one.name == "gdin 36").prepare()
     assert surveyed.recording.mag is None
-    assert surveyed.recording.truth is not None
+    assert surveyed.truth is not None
 
 
 def test_missing_recordings_are_one_sentence(tmp_path, capsys):
@@ -220,7 +215,7 @@ def test_missing_recordings_are_one_sentence(tmp_path, capsys):
 
 
 def test_two_feet_are_measured_alone_and_together():
-    found = feet.measure_pair("demo", False, 3)
+    found = worn.measure_pair("demo", False, 3)
     assert set(found) == {f"{side} {how}" for side in ("left", "right") for how in ("alone", "together")}
     assert all(0 < one["position (m)"] < 1.0 for one in found.values())
 
@@ -228,16 +223,15 @@ def test_two_feet_are_measured_alone_and_together():
 def test_lines_of_a_walk_in_progress_are_held_against_its_end():
     walk = Simulated("demo", "smooth", 3).prepare("perfect")
     found = online.measure_pushed(walk, walk.options.heading_rad)
-    assert found["worst"] >= max(found[name] for name in online.COMPONENTS) - 1e-9
+    assert 0 < found["worst"] < 10.0
     assert found["gap (m)"] < 0.3
-    assert found["found (%)"] > 90
     assert 0 < found["batch (m)"] < 1.0
 
 
 def test_a_walk_is_smoothed_with_places_and_without(monkeypatch):
     monkeypatch.setattr(places, "COURSES", {"demo": (scenario("demo"), 1)})
     monkeypatch.setattr(places, "calibrate", lambda seed: None)
-    found = places.measure_course("demo", "smooth", True, None, 3)
+    found = experiments.measure_variants(lambda: places.measure_course("demo", "smooth", True, None, 3))
     assert all("failure" not in found[name] for name in ("with", "without"))
     assert 0 < found["without"]["all"] < 1.0
     assert 0 < found["without"]["ratio"] < 3.0
@@ -246,13 +240,13 @@ def test_a_walk_is_smoothed_with_places_and_without(monkeypatch):
 @needs_data
 def test_methods_are_compared_on_a_real_floor():
     real = next(one for one in walks.list_set(DATA, "openshoe") if one.name == "openshoe 13")
-    found = magnetic.measure_methods(real, ("inertial", "iez", "smoother raw"))
+    found = experiments.measure_variants(lambda: accuracy.measure_methods(real, ("inertial", "iez", "smoother raw")))
     assert all(0 < one["error"] < 5 for one in found.values())
 
 
 @needs_data
 def test_a_phone_in_a_pocket_is_laid_beside_its_fixes():
     path = sorted((DATA / "pocket_gnss").glob("*.zip"))[0]
-    found = pocket.measure_pocket(path)
+    found = experiments.measure_variants(lambda: worn.measure_pocket(path))
     assert 0.5 < found["sensor"]["metres"] < 1.5
     assert found["with fixes"]["held (m)"] < found["sensor"]["rigid (m)"] + 20.0
