@@ -157,7 +157,8 @@ class JointErrors:
         until = np.unique(np.linspace(0, len(self.p) - 1, PLACES + 1).round().astype(int))[1:]
         level = self.p * [1.0, 1.0, 0.0]
         weights = np.zeros((len(self.stances), 4, len(until)))
-        weights[self.seen.row] = np.stack([weigh_path(level, k) for k in until], axis=2)
+        for column, last in enumerate(until):
+            weights[self.seen.row[: last + 1], :, column] = weigh_path(level[: last + 1])
         longer = np.diff([np.linalg.norm(np.diff(path[:, :2], axis=0), axis=1) for path in (self.q, self.p)], axis=0)[0]
         return self.weigh(np.cumsum(longer)[until - 1], weights)
 
