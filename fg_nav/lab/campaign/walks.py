@@ -233,7 +233,7 @@ def find_walks(
         if group in groups:
             raise CampaignError(f"two folders of recordings are named '{group}': rename one, results go by its name.")
         groups.add(group)
-        paths = sorted(path for path in _list_files(folder) if _is_walk(path))
+        paths = sorted(_list_walks(folder))
         if not paths:
             raise CampaignError(f"{folder} holds no recordings: a recording is a file {', '.join(SUFFIXES)}.")
         walks_in = Counter(path.parent for path in paths)
@@ -257,18 +257,16 @@ def find_walks(
     return found
 
 
-def _list_files(folder: Path) -> Iterator[Path]:
-    """Yield the files below a folder, but for hidden ones and those in folders that a command of ours fills."""
+def _list_walks(folder: Path) -> Iterator[Path]:
+    """Yield the walks below a folder, but for hidden files and those in folders that a command of ours fills."""
     for where, folders, files in os.walk(folder):
         if not set(MARKERS).isdisjoint(files):
             folders.clear()
             continue
         folders[:] = [name for name in folders if not name.startswith(".")]
-        yield from (Path(where, name) for name in files if not name.startswith("."))
-
-
-def _is_walk(path: Path) -> bool:
-    if path.suffix.lower() not in SUFFIXES or path.name in (*OUR_TABLES, *SHARED_TRUTHS) or not path.is_file():
-        return False
-    belongs = path.suffix == ".mat" and any(path.with_suffix(suffix).is_file() for suffix in (".csv", ".txt"))
-    return not path.name.endswith(TRUTHS) and not belongs
+        for name in files:
+            path = Path(where, name)
+            other = name.startswith(".") or name.endswith(TRUTHS) or name in (*OUR_TABLES, *SHARED_TRUTHS)
+            belongs = path.suffix == ".mat" and any(path.with_suffix(end).is_file() for end in (".csv", ".txt"))
+            if path.suffix.lower() in SUFFIXES and not other and not belongs and path.is_file():
+                yield path

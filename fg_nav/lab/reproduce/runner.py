@@ -128,6 +128,10 @@ def run_paper(
             rows += [table.judge(line, ours)] if ours else []
         title, drawn = f"{planned.title} ({planned.source})", pictures[planned.name]
         experiments.append(Experiment(planned.name, title, planned.setting, planned.columns, rows, drawn))
+    # effective parameters of each method, of its first walk in the first scenario and field
+    parameters: dict[str, Any] = {}
+    for (_, _, method), some in made.results.items():
+        parameters.setdefault(method, next((one.parameters for one in some if not one.failed), {}))
     return Reproduction(
         table.paper,
         table.citation,
@@ -135,7 +139,7 @@ def run_paper(
         experiments,
         (*table.differs, *([table.quick] if quick and table.quick else []), *describe_other_code(made.results)),
         {
-            **{method: _parameters_of(made, method) for method in dict.fromkeys(key.method for key in keys)},
+            **parameters,
             **describe_walks(keys, table.detectors),
             **found.parameters,
         },
@@ -200,12 +204,6 @@ def describe_other_code(results: Mapping[tuple[str, str, str], Sequence[Result]]
         f"or of its libraries, than this one ({sums}), with the same parameters: "
         f"without the folder '{RESULTS_FOLDER}' all are made again.",
     )
-
-
-def _parameters_of(made: Made, method: str) -> Mapping[str, Any]:
-    """Return the effective parameters of a method, of its first walk in the first scenario and field."""
-    first = next(some for (_, _, by), some in made.results.items() if by == method)
-    return next((result.parameters for result in first if not result.failed), {})
 
 
 def describe_walks(keys: Iterable[Key], detectors: Iterable[str]) -> dict[str, Any]:

@@ -197,18 +197,13 @@ def simulate_feet(
         )
     step_width_m = draw_step_width(outing.streams.lasting("step width"))
     carried = carry_sensor(outing)
-    opposite = carry_on_left(outing, carried, step_width_m)
-    right = record_walk(outing, carried, progress=lambda done: progress(done / 2))
-    left = record_walk(outing, opposite, right.origin, lambda done: progress(0.5 + done / 2))
-    assert isinstance(opposite.motion, FootMotion)
-    assert isinstance(carried.motion, FootMotion)
-    return SimulatedFeet(left, right, (opposite.motion, carried.motion), step_width_m)
-
-
-def carry_on_left(outing: Outing, right: Carried, step_width_m: float) -> Carried:
-    """A sensor on the left foot of a person who carries one on the right one."""
+    # the left foot, with a sensor on the same clock
     chosen, streams = outing.scenario, replace(outing.streams, of="left/")
     strides = plan_left_foot(outing.plan, outing.person, step_width_m, streams.of_this_walk("strides"))
     motion = build_foot(chosen, strides, outing.person.mirror(), MOUNTS[chosen.worn].mirror(), streams)
-    sensor = replace(chosen.prior.draw(streams.lasting("sensor")), clock_scale_error=right.sensor.clock_scale_error)
-    return Carried(sensor, strides, motion, motion.flat, streams, ())
+    sensor = replace(chosen.prior.draw(streams.lasting("sensor")), clock_scale_error=carried.sensor.clock_scale_error)
+    opposite = Carried(sensor, strides, motion, motion.flat, streams, ())
+    right = record_walk(outing, carried, progress=lambda done: progress(done / 2))
+    left = record_walk(outing, opposite, right.origin, lambda done: progress(0.5 + done / 2))
+    assert isinstance(carried.motion, FootMotion)
+    return SimulatedFeet(left, right, (motion, carried.motion), step_width_m)

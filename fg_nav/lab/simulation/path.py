@@ -188,9 +188,11 @@ def polyline(points: ArrayLike, corner_radius_m: float) -> Path:
     straight back.
     """
     vertex = _as_points(points)
-    _check_distinct(vertex)
     leg = np.diff(vertex[:, :2], axis=0)
     leg_m = np.linalg.norm(leg, axis=1)
+    if (leg_m < GAP_M).any():
+        k = int(np.argmax(leg_m < GAP_M))
+        raise SimulationError(f"Points {k} and {k + 1} of the path are the same place: leave one of them out.")
     route = np.unwrap(np.arctan2(leg[:, 0], leg[:, 1]))
     turn = np.diff(route)
     cut = _cut_corners(turn, leg_m, corner_radius_m)
@@ -226,15 +228,11 @@ def _fit_curve(vertex: Floats, ends: Literal["periodic", "natural"]) -> Path:
     position = spline(knots)
     if ends == "periodic":
         position[-1] = position[0]
-    return Path(_integrate_length(spline, knots), position, heading)
-
-
-def _integrate_length(spline: CubicSpline, knots: Floats) -> Floats:
-    """Arc length (M,) m at the knots of a curve, by three-point Gauss-Legendre quadrature of its speed."""
+    # arc length by three-point Gauss-Legendre quadrature of the speed
     node, weight = np.polynomial.legendre.leggauss(3)
     half = np.diff(knots) / 2
     speed = [np.linalg.norm(spline(knots[:-1] + half * (1 + x), 1)[:, :2], axis=1) for x in node]
-    return np.concatenate([[0.0], np.cumsum(half * (weight @ np.array(speed)))])
+    return Path(np.concatenate([[0.0], np.cumsum(half * (weight @ np.array(speed)))]), position, heading)
 
 
 def _bend(length: Floats, turn: Floats) -> Path:
@@ -278,10 +276,3 @@ def _as_points(points: ArrayLike) -> Floats:
     """Points as (K, 3), height nought where there is none."""
     rows = np.asarray(points, dtype=np.float64)
     return np.hstack([rows, np.zeros((len(rows), 3 - rows.shape[1]))])
-
-
-def _check_distinct(vertex: Floats) -> None:
-    same = np.linalg.norm(np.diff(vertex[:, :2], axis=0), axis=1) < GAP_M
-    if same.any():
-        k = int(np.argmax(same))
-        raise SimulationError(f"Points {k} and {k + 1} of the path are the same place: leave one of them out.")

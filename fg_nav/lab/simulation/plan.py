@@ -156,7 +156,14 @@ def plan_walk(
     wander = fade * _draw_slow_change(scatter.wander_m, len(number), rng)
     footprint, toe = place_foot(*_join_centers(legs, start), STEP_WIDTH_M / 2 + wander, rng, scatter)
     strides = _make_strides(legs, footprint, toe)
-    return WalkPlan(strides, _find_crossings(legs, strides), legs, start, wander)
+    # landmarks with the strides that come down nearest to them
+    crossings = []
+    for first, leg in zip(_count_before(legs), legs, strict=True):
+        for name, nearest in leg.marks:
+            stride = max(int(first) + nearest - 1, 0)
+            time_s = float(strides.start[stride] + FLAT_SHARE * strides.duration[stride])
+            crossings.append(Crossing(name, stride, time_s))
+    return WalkPlan(strides, tuple(crossings), legs, start, wander)
 
 
 def end_of(section: Section, pose: Pose) -> Pose:
@@ -216,10 +223,20 @@ def _draw_walking(
     weight = _weigh_strides(_count_strides(section, gait, halves), halves)
     faster = _draw_slow_change(scatter.pace, len(weight), rng) / 2
     weight *= np.exp(faster) * _draw_times(gait, len(weight), rng)
-    arc = _find_arcs(path, np.concatenate([[0.0], np.cumsum(weight) / weight.sum()]))
+    # arc lengths after whole strides, which are shorter in bends
+    middle = (path.arc[1:] + path.arc[:-1]) / 2
+    density = np.diff(path.arc) * (1 + BEND_M * np.minimum(np.abs(path.curvature(middle)), 1.0))
+    total = np.concatenate([[0.0], np.cumsum(density)])
+    share = np.concatenate([[0.0], np.cumsum(weight) / weight.sum()])
+    arc: Floats = np.interp(share * total[-1], total, path.arc)
     duration = np.exp(-faster) / np.sqrt(section.pace) * _draw_times(gait, len(weight), rng)
     marks = tuple((mark.name, int(np.argmin(np.abs(arc - mark.arc)))) for mark in path.landmarks)
-    return Leg(_go_along(path, arc, pose), duration, section.style, halves, marks)
+
+    def go(number: Floats) -> tuple[Floats, Floats]:
+        position, heading = path.at(np.interp(number, np.arange(len(arc)), arc))
+        return position, heading + pose.heading - path.start.heading
+
+    return Leg(go, duration, section.style, halves, marks)
 
 
 def _draw_times(gait: Gait, count: int, rng: np.random.Generator) -> Floats:
@@ -255,25 +272,6 @@ def _weigh_strides(count: int, halves: tuple[bool, bool]) -> Floats:
     weight[0] = 0.5 if halves[0] else weight[0]
     weight[-1] = 0.5 if halves[1] else weight[-1]
     return weight
-
-
-def _find_arcs(path: Path, share: Floats) -> Floats:
-    """Arc lengths (N,) m at the shares (N,) of the path, strides being shorter in bends."""
-    middle = (path.arc[1:] + path.arc[:-1]) / 2
-    density = np.diff(path.arc) * (1 + BEND_M * np.minimum(np.abs(path.curvature(middle)), 1.0))
-    total = np.concatenate([[0.0], np.cumsum(density)])
-    arc: Floats = np.interp(share * total[-1], total, path.arc)
-    return arc
-
-
-def _go_along(path: Path, arc: Floats, pose: Pose) -> Along:
-    """Along a path that begins at `pose`, `arc` (n + 1,) m being its arc lengths after whole strides."""
-
-    def go(number: Floats) -> tuple[Floats, Floats]:
-        position, heading = path.at(np.interp(number, np.arange(len(arc)), arc))
-        return position, heading + pose.heading - path.start.heading
-
-    return go
 
 
 def _turn_at(pose: Pose, angle: float, count: int) -> Along:
@@ -356,13 +354,3 @@ def place_foot(
         footprint[-1] = footprint[0]
         toe[-1] -= turned
     return footprint, toe
-
-
-def _find_crossings(legs: Sequence[Leg], strides: Strides) -> tuple[Crossing, ...]:
-    """Landmarks with the strides that come down nearest to them, in the whole plan."""
-    found = []
-    for first, leg in zip(_count_before(legs), legs, strict=True):
-        for name, footprint in leg.marks:
-            stride = max(int(first) + footprint - 1, 0)
-            found.append(Crossing(name, stride, float(strides.start[stride] + FLAT_SHARE * strides.duration[stride])))
-    return tuple(found)

@@ -116,10 +116,18 @@ def stairs() -> list[Section]:
     landing = straight(0.4).then(_join_paths(straight(0.4), arc(0.75, -np.pi), straight(0.4)))
     above = straight(6.0).then(_join_paths(straight(6.0), arc(CORNER_M, np.pi / 2), straight(12.0)))
     up: list[Section] = [Walk(corridor), Stairs(10), Walk(landing, pace=0.7), Stairs(10), Walk(above)]
-    about = TurnOnSpot(np.pi)
-    return _join_sections(
-        [Stand(REST_S), *up, about, *(_reverse_section(section) for section in up[::-1]), about, Stand(REST_S)]
-    )
+    down: list[Section] = [
+        replace(one, path=one.path.reverse()) if isinstance(one, Walk) else Stairs(one.treads, up=False)
+        for one in up[::-1]
+        if isinstance(one, Walk | Stairs)
+    ]
+    # each moved to where the one before ended
+    pose, placed = Pose(np.zeros(3), 0.0), []
+    for section in [Stand(REST_S), *up, TurnOnSpot(np.pi), *down, TurnOnSpot(np.pi), Stand(REST_S)]:
+        here = replace(section, path=section.path.place(pose)) if isinstance(section, Walk) else section
+        placed.append(here)
+        pose = end_of(here, pose)
+    return placed
 
 
 def mixed_gait() -> list[Section]:
@@ -274,20 +282,3 @@ def _join_paths(before: Path, *paths: Path) -> Path:
         pose = placed.end
     assert whole is not None
     return whole
-
-
-def _join_sections(sections: Sequence[Section]) -> list[Section]:
-    """Sections with their paths moved to where each begins."""
-    pose, placed = Pose(np.zeros(3), 0.0), []
-    for section in sections:
-        here = replace(section, path=section.path.place(pose)) if isinstance(section, Walk) else section
-        placed.append(here)
-        pose = end_of(here, pose)
-    return placed
-
-
-def _reverse_section(section: Section) -> Section:
-    """The section in the opposite direction."""
-    if isinstance(section, Walk):
-        return replace(section, path=section.path.reverse())
-    return replace(section, up=not section.up) if isinstance(section, Stairs) else section

@@ -121,16 +121,16 @@ class Choices:
                 raise SimulationError(f"{prior.name} has no magnetometer to be calibrated: choose another sensor.")
             prior = prior.with_iron(IronPrior())
         changed = replace(changed, sensor=prior, aligned=changed.aligned or self.aligned)
-        return _rotate_scenario(changed, self.turned_deg) if self.turned_deg else changed
-
-
-def _rotate_scenario(scenario: Scenario, degrees: float) -> Scenario:
-    if not np.isfinite(degrees):
-        raise SimulationError(f"a course cannot be turned by {degrees} degrees: give a number.")
-    angle = float(np.deg2rad(degrees))
-    c, s = float(np.cos(angle)), float(np.sin(angle))
-    magnets = tuple((c * east + s * north, c * north - s * east, up) for east, north, up in scenario.magnets)
-    return replace(scenario, route=lambda rng: routes.rotate(scenario.route(rng), angle), magnets=magnets)
+        if not self.turned_deg:
+            return changed
+        # the course turned clockwise, and the magnets with it
+        if not np.isfinite(self.turned_deg):
+            raise SimulationError(f"a course cannot be turned by {self.turned_deg} degrees: give a number.")
+        angle = float(np.deg2rad(self.turned_deg))
+        c, s = float(np.cos(angle)), float(np.sin(angle))
+        magnets = tuple((c * east + s * north, c * north - s * east, up) for east, north, up in changed.magnets)
+        route = changed.route
+        return replace(changed, route=lambda rng: routes.rotate(route(rng), angle), magnets=magnets)
 
 
 def _ignore_rng(route: Callable[[], Sequence[Section]]) -> Route:
@@ -138,14 +138,13 @@ def _ignore_rng(route: Callable[[], Sequence[Section]]) -> Route:
     return lambda _: route()
 
 
-def _offset_gyro(name: str, bias_deg_s: float, spread_deg_s: float) -> SensorPrior:
-    """Return the sensor of this name with a turn-on bias of the gyroscope about its z axis."""
-    prior, bias = preset(name), float(np.deg2rad(bias_deg_s))
-    return replace(prior, gyr=replace(prior.gyr, bias=(0.0, 0.0, bias), bias_sd=float(np.deg2rad(spread_deg_s))))
-
-
 _MA, _ZHANG, _MUNOZ_DIAZ, _LORD = "mpu-9250x8", "xsens-mtw", "munoz-diaz-table-2", "lord-gx5-900"
-_SLOW = _offset_gyro("xsens-mtw", 0.25, 0.05)
+_BIAS_DEG_S, _BIAS_SD_DEG_S = 0.25, 0.05  # Of a gyroscope about its z axis at switching on.
+_GYR = preset(_ZHANG).gyr
+_SLOW = replace(
+    preset(_ZHANG),
+    gyr=replace(_GYR, bias=(0.0, 0.0, float(np.deg2rad(_BIAS_DEG_S))), bias_sd=float(np.deg2rad(_BIAS_SD_DEG_S))),
+)
 
 _ROUTES: tuple[tuple[str, Route, Worn, str | SensorPrior, str, str], ...] = (
     ("office", routes.office, "heel", _MA, "indoor",

@@ -149,7 +149,11 @@ class _Cycle:
         self.phase = np.interp(t, _interleave(strides.start, end), _interleave(index, index + 1))
         self._strides = strides
         legs = [LEGS[Style(style)] for style in strides.style]
-        vigour = _compute_vigour(strides, legs)
+        # stride lengths over those of the styles, to the power 0.8, within reason
+        length = np.linalg.norm(np.diff(strides.footprint[:, :2], axis=0), axis=1)
+        usual = np.array([leg.stride_m for leg in legs])
+        ratio = np.divide(length, usual, out=np.ones(len(length)), where=usual > 0)
+        vigour: Floats = np.clip(ratio, 0.3, 1.5) ** 0.8
         self.swing = self._ease(t, vigour * [leg.swing_rad for leg in legs])
         self.flexed = self._ease(t, vigour * [leg.flexed_rad for leg in legs])
         self.bounce_m = self._ease(t, vigour**1.5 * [leg.bounce_m for leg in legs])
@@ -179,27 +183,14 @@ class _Cycle:
     def _ease(self, t: Floats, value: Floats, standing: bool = True) -> Floats:
         """A value (M,) per stride (K,) that goes smoothly from stride to stride, through nought where one stands."""
         middle = self._strides.start + self._strides.duration / 2
-        begins, ends = _find_pauses(self._strides) if standing else (np.zeros(0), np.zeros(0))
+        # before, between and after the strides
+        begins = np.concatenate([[-_MARGIN_S], self._strides.start + self._strides.duration])
+        ends = np.concatenate([self._strides.start, [self._strides.end_s + _MARGIN_S]])
+        paused = ends - begins > (0.05 if standing else np.inf)
+        begins, ends = begins[paused], ends[paused]
         return _interpolate(
             np.concatenate([middle, begins, ends]), np.concatenate([value, np.zeros(2 * len(begins))]), t
         )
-
-
-def _compute_vigour(strides: Strides, legs: list[Leg]) -> Floats:
-    """Stride lengths over those of the styles (K,), to the power 0.8, within reason."""
-    length = np.linalg.norm(np.diff(strides.footprint[:, :2], axis=0), axis=1)
-    usual = np.array([leg.stride_m for leg in legs])
-    ratio = np.divide(length, usual, out=np.ones(len(length)), where=usual > 0)
-    vigour: Floats = np.clip(ratio, 0.3, 1.5) ** 0.8
-    return vigour
-
-
-def _find_pauses(strides: Strides) -> tuple[Floats, Floats]:
-    """When standing begins and ends (P,) s: before, between and after the strides."""
-    begins = np.concatenate([[-_MARGIN_S], strides.start + strides.duration])
-    ends = np.concatenate([strides.start, [strides.end_s + _MARGIN_S]])
-    long = ends - begins > 0.05
-    return begins[long], ends[long]
 
 
 def _move_hip(cycle: _Cycle, heading: Floats, shock: Floats) -> Floats:

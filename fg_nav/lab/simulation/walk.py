@@ -183,7 +183,13 @@ class Outing:
         person = person.with_moving_feet(streams.lasting("feet")) if chosen.feet == "moving" else person
         earth = find_earth_field(chosen.site)
         plan = _plan_strides(chosen, person, streams)
-        _check_size(plan.strides.end_s, chosen.prior.rate_hz)
+        # not too long, nor too short
+        end_s, rate_hz = plan.strides.end_s, chosen.prior.rate_hz
+        size = f"{end_s / 60:.1f} minutes at {rate_hz:g} Hz are {end_s * rate_hz:.2g} samples"
+        if not end_s * rate_hz <= MAX_SAMPLES:
+            raise SimulationError(f"{size}: make the walk shorter or the rate lower, for at most {MAX_SAMPLES}.")
+        if int(end_s * rate_hz) < MIN_SAMPLES:
+            raise SimulationError(f"{size}: make the walk longer or the rate higher, for at least {MIN_SAMPLES}.")
         field = draw_surroundings(chosen, earth, plan.strides.footprint, streams.of_this_walk("field"))
         return cls(chosen, choices, streams, person, plan, earth, field)
 
@@ -202,9 +208,19 @@ class Carried:
 
 def carry_sensor(outing: Outing) -> Carried:
     """The scenario's sensor where it is worn: on a table, in the right pocket or on the right foot."""
-    sensor = outing.scenario.prior.draw(outing.streams.lasting("sensor"))
-    motion, flat = _make_motion(outing)
-    return Carried(sensor, outing.plan.strides, motion, flat, outing.streams, outing.plan.crossings)
+    chosen, strides, streams = outing.scenario, outing.plan.strides, outing.streams
+    sensor, flat = chosen.prior.draw(streams.lasting("sensor")), None
+    motion: Motion
+    if chosen.worn == "table":
+        tilt = streams.of_this_walk("table").normal(0.0, TABLE_TILT_RAD, 3)
+        motion = Lying(np.asarray(Rotation.from_rotvec(tilt).as_matrix()))
+    elif chosen.worn == "pocket":
+        pocket = Pocket(tilt_rad=0.0) if chosen.aligned else Pocket()
+        motion = build_thigh_motion(strides, pocket, streams.of_this_walk("leg"), streams.lasting("leg"))
+    else:
+        motion = foot = build_foot(chosen, strides, outing.person, MOUNTS[chosen.worn], streams)
+        flat = foot.flat
+    return Carried(sensor, strides, motion, flat, streams, outing.plan.crossings)
 
 
 def record_walk(
@@ -244,14 +260,6 @@ def record_walk(
     )
 
 
-def _check_size(end_s: float, rate_hz: float) -> None:
-    size = f"{end_s / 60:.1f} minutes at {rate_hz:g} Hz are {end_s * rate_hz:.2g} samples"
-    if not end_s * rate_hz <= MAX_SAMPLES:
-        raise SimulationError(f"{size}: make the walk shorter or the rate lower, for at most {MAX_SAMPLES}.")
-    if int(end_s * rate_hz) < MIN_SAMPLES:
-        raise SimulationError(f"{size}: make the walk longer or the rate higher, for at least {MIN_SAMPLES}.")
-
-
 def _plan_strides(chosen: Scenario, person: Person, streams: Streams) -> WalkPlan:
     sections = chosen.route(streams.of_this_walk("course"))
     sections = remove_rests(sections) if chosen.rests == "none" else sections
@@ -263,19 +271,6 @@ def _plan_strides(chosen: Scenario, person: Person, streams: Streams) -> WalkPla
         strides = Strides(none, none, place, np.zeros(1), none.astype(np.int64), float(sum(seconds)))
         return WalkPlan(strides, (), (), Pose(place[0], 0.0), np.zeros(1))
     return plan_walk(sections, person, streams.of_this_walk("strides"))
-
-
-def _make_motion(outing: Outing) -> tuple[Motion, Floats | None]:
-    """Motion of the sensor, and from when to when (K + 1, 2) s the foot stands flat, if it is on one."""
-    chosen, strides, streams = outing.scenario, outing.plan.strides, outing.streams
-    if chosen.worn == "table":
-        tilt = streams.of_this_walk("table").normal(0.0, TABLE_TILT_RAD, 3)
-        return Lying(np.asarray(Rotation.from_rotvec(tilt).as_matrix())), None
-    if chosen.worn == "pocket":
-        pocket = Pocket(tilt_rad=0.0) if chosen.aligned else Pocket()
-        return build_thigh_motion(strides, pocket, streams.of_this_walk("leg"), streams.lasting("leg")), None
-    foot = build_foot(chosen, strides, outing.person, MOUNTS[chosen.worn], streams)
-    return foot, foot.flat
 
 
 def build_foot(chosen: Scenario, strides: Strides, person: Person, mount: Mount, streams: Streams) -> FootMotion:

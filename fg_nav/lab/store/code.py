@@ -31,7 +31,12 @@ def sum_sources(sources: Iterable[Path]) -> str:
     """Sum over the executable part of these sources and their runtime."""
     total = hashlib.sha256(describe_runtime().encode())
     for path in sources:
-        total.update(strip_source(path.read_text(encoding="utf-8")).encode())
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for node in ast.walk(tree):  # without texts that stand alone
+            body = getattr(node, "body", None)
+            if isinstance(body, list):
+                body[:] = [x for x in body if not (isinstance(x, ast.Expr) and isinstance(x.value, ast.Constant))]
+        total.update(ast.dump(tree).encode())
     return total.hexdigest()[:16]
 
 
@@ -45,13 +50,3 @@ def describe_runtime() -> str:
         except metadata.PackageNotFoundError:  # copied by hand
             versions.append(f"{name} unknown")
     return ", ".join(versions)
-
-
-def strip_source(source: str) -> str:
-    """Return a source without comments, layout and texts that stand alone."""
-    tree = ast.parse(source)
-    for node in ast.walk(tree):
-        body = getattr(node, "body", None)
-        if isinstance(body, list):
-            body[:] = [one for one in body if not (isinstance(one, ast.Expr) and isinstance(one.value, ast.Constant))]
-    return ast.dump(tree)

@@ -71,18 +71,13 @@ def detect(request: DetectRequest) -> Answer:
             outcome = run_methods(walk, [PATH_METHOD])[PATH_METHOD]
             survey = survey_field(walk.recording, field, names, outcome.solution, earth)
             with target.open() as folder:
-                write_survey(folder, walk, survey)
+                frame = tabulate_footfalls(survey)
+                frame["time_s"] = frame["time_s"].map("{:.9f}".format)  # nine digits would blur the stamps of a clock
+                frame.to_csv(folder / "field.csv", index=False, float_format="%.9g")
+                write_json(folder / "detect.json", describe_survey(walk, survey))
                 draw_survey(folder, walk, survey, outcome)
             content, show = describe_survey(walk, survey), partial(print_survey, walk, survey, target.place)
     return Answer({"folder": str(target.place), **content}, show)
-
-
-def write_survey(folder: Path, walk: Walk, survey: FieldSurvey) -> None:
-    """Write both files into an existing folder."""
-    frame = tabulate_footfalls(survey)
-    frame["time_s"] = frame["time_s"].map("{:.9f}".format)  # nine digits would blur the stamps of a clock
-    frame.to_csv(folder / "field.csv", index=False, float_format="%.9g")
-    write_json(folder / "detect.json", describe_survey(walk, survey))
 
 
 def tabulate_footfalls(survey: FieldSurvey) -> pd.DataFrame:

@@ -8,7 +8,6 @@ from fg_nav.errors import EvaluationError
 from fg_nav.frames import yaw_rotation
 from fg_nav.lab.field_survey import measure_compass_deviation, measure_course_change, measure_field_change
 from fg_nav.lab.reproduce.roc import make_roc
-from fg_nav.lab.simulation import simulate
 from fg_nav.magnetic.footfall_field import compute_field_heading, rotate_to_level
 
 SHIFT = 1.2
@@ -87,16 +86,6 @@ def test_bands_cover_what_they_claim(of_walk):
     assert ((covered > 0.85) & (covered < 0.95)).all(), covered
 
 
-def test_a_band_by_stances_would_be_too_narrow(rng):
-    """Walks that differ: taking each stance for a walk of its own covers far less than it claims."""
-    covered = []
-    for _ in range(60):
-        statistic, signal, _ = drawn(rng, walks=5, cases=40, of_walk=0.8)
-        band = make_roc(statistic, signal, np.arange(len(signal))).area_band()
-        covered.append(band.low <= norm.cdf(SHIFT / np.sqrt(2.64)) <= band.high)
-    assert np.mean(covered) < 0.7
-
-
 def test_where_one_walk_holds_all_signals_nothing_is_known_and_what_cannot_be_is_said(rng):
     statistic, signal, walk = drawn(rng)
     band = make_roc(statistic, (walk == 2) & (statistic < 0.5), walk).area_band()
@@ -141,14 +130,3 @@ def test_course_of_a_straight_way_and_of_a_circle():
     angle = np.deg2rad(25.0) * np.arange(8)
     change = np.rad2deg(measure_course_change(np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1), 3))
     np.testing.assert_allclose(change, [np.nan] * 3 + [50.0] * 5)
-
-
-def test_the_simulator_tells_the_field_where_the_sensor_is():
-    """It is what the magnetometer shows once its iron is taken off and the true attitude turns it."""
-    walk = simulate("demo", 5)
-    sample = np.arange(0, len(walk.recording.t), 997)
-    iron, soft = (np.array(walk.drawn["sensor"][key]) for key in ("hard_iron_uT", "soft_iron"))
-    corrected = np.linalg.solve(soft, (walk.recording.mag[sample] - iron).T).T
-    shown = np.einsum("nij,nj->ni", walk.recording.truth.nav_R_body[sample], corrected)
-    assert np.nanmedian(np.linalg.norm(shown - walk.nav_field(sample), axis=1)) < 1.5
-    assert np.nanmedian(np.linalg.norm(walk.nav_field(sample) - walk.earth.vector, axis=1)) > 3.0

@@ -169,12 +169,6 @@ def test_a_magnet_has_the_field_of_a_small_current_loop():
     np.testing.assert_allclose(Circuit(corners, current).at(position), expected, atol=2e-3 * np.abs(expected).max())
 
 
-def test_on_its_axis_a_magnet_is_felt_with_the_cube_of_the_distance():
-    position = np.array([[0, 0, 0.5], [0, 0, 1.0], [1.0, 0, 0]])
-    felt = magnet(np.zeros(3), np.array([0, 0, 3.0])).at(position)
-    np.testing.assert_allclose(felt, [[0, 0, 4.8], [0, 0, 0.6], [0, 0, -0.3]], atol=1e-12)
-
-
 def test_magnets_add():
     a, b = np.random.default_rng(0).normal(size=(2, 4, 3))
     position = around(least=6, most=9)
@@ -191,28 +185,12 @@ def test_flux_passes_the_pole_of_an_iron_sphere():
     np.testing.assert_allclose(outside, 3 * IRON_MU_R / (IRON_MU_R + 2) * far, rtol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("aspect", "tabled"), [(1.0, 1 / 3), (2.0, 0.1736), (10.0, 0.0203), (0.5, 0.5272), (0.1, 0.8608)]
-)
-def test_demagnetising_factors_are_those_of_osborn(aspect, tabled):
-    assert compute_demagnetizing_factor(aspect) == pytest.approx(tabled, abs=6e-5)
-
-
-def test_demagnetising_factors_fall_without_a_step():
-    aspect = np.geomspace(1e-3, 1e3, 4001)
-    factor = np.array([compute_demagnetizing_factor(a) for a in aspect])
+def test_demagnetising_factors_are_those_of_osborn_and_fall_without_a_step():
+    tabled = {1.0: 1 / 3, 2.0: 0.1736, 10.0: 0.0203, 0.5: 0.5272, 0.1: 0.8608}
+    assert {a: compute_demagnetizing_factor(a) for a in tabled} == pytest.approx(tabled, abs=6e-5)
+    factor = np.array([compute_demagnetizing_factor(a) for a in np.geomspace(1e-3, 1e3, 4001)])
     assert np.all(np.diff(factor) < 0)
     assert np.diff(factor).min() > -2e-3
-    assert factor[0] == pytest.approx(1.0, abs=0.002)
-    assert factor[-1] == pytest.approx(0.0, abs=1e-5)
-
-
-def test_a_needle_is_magnetised_along_itself():
-    axis = np.array([0.6, 0.0, 0.8])
-    moment = compute_spheroid_moment(SITES["munich"].vector, axis, 1.5, 0.03)
-    lengthwise = abs(moment @ axis)
-    assert lengthwise > 20 * np.linalg.norm(moment - (moment @ axis) * axis)
-    assert moment @ SITES["munich"].vector > 0
 
 
 def test_a_rod_is_two_poles():
@@ -224,12 +202,6 @@ def test_a_rod_is_two_poles():
     )
     felt = rod(np.array([0, 0, -half]), np.array([0, 0, half]), np.array([0, 0, moment]), count=28).at(position)
     np.testing.assert_allclose(felt, poles, atol=0.01 * np.abs(poles).max())
-
-
-def test_a_long_wire_is_felt_with_the_distance():
-    wire = Circuit(np.array([[0, -500, 0], [0, 500, 0], [1000, 500, 0], [1000, -500, 0.0]]), 5.0)
-    felt = wire.at(np.array([[-0.5, 0, 0], [0, 0, 0.25]]))
-    np.testing.assert_allclose(felt, [[0, 0, 2.0], [4.0, 0, 0]], atol=0.01)
 
 
 def test_around_a_wire_the_field_adds_up_to_the_current():

@@ -16,8 +16,6 @@ from fg_nav.lab.simulation.motion import Kinematics, Ramps, Strides, Style
 from fg_nav.lab.simulation.path import Pose, arc, straight
 from fg_nav.lab.simulation.person import HEEL, INSTEP, SWING_SHARE_SD, VARIETY, Gait, Mount, Person
 from fg_nav.lab.simulation.plan import Section, Stairs, Stand, TurnOnSpot, Walk, end_of, plan
-from fg_nav.mechanisation import NavState, strapdown
-from fg_nav.samples.gaps import compensate_coning
 
 NO_SHOCK = {"shock_m_s2": 0.0, "shock_rad_s": 0.0}
 
@@ -148,37 +146,6 @@ def test_a_sample_is_the_mean_over_its_period(walk: Foot, rate_hz: float) -> Non
     state = walk.motion.at((t[:, None] + (np.arange(50) + 0.5) / 50 / rate_hz).ravel())
     np.testing.assert_allclose(rate, state.rate.reshape(-1, 50, 3).mean(axis=1), atol=2e-3)
     np.testing.assert_allclose(force, state.force.reshape(-1, 50, 3).mean(axis=1), atol=2e-2)
-
-
-def integration_errors(foot: Foot, rate_hz: float, corrected: bool = False) -> np.ndarray:
-    """Error (K, 3) at the end of each stride: of attitude, mrad; of velocity, mm/s; of position, mm."""
-    found, period_s = [], 1 / rate_hz
-    for begin, duration in zip(foot.strides.start, foot.strides.duration, strict=True):
-        t = np.arange(np.ceil(begin * rate_hz), np.floor((begin + duration) * rate_hz) + 1) / rate_hz
-        rate, force = foot.motion.sampled(t[:-1], period_s)
-        if corrected:
-            force, rate = compensate_coning(force, rate, np.full(len(rate), period_s))
-        ends = foot.motion.at(t[[0, -1]])
-        state = NavState(ends.position[0], ends.velocity[0], ends.nav_R_body[0], np.zeros(3), np.zeros(3))
-        turn, push = np.empty((3, 3)), np.empty(3)
-        for n in range(len(rate)):
-            strapdown(state, force[n], rate[n], period_s, GRAVITY_M_S2, turn, push)
-        off = Rotation.from_matrix(state.nav_R_body.T @ ends.nav_R_body[1]).as_rotvec()
-        found.append([off, state.velocity - ends.velocity[1], state.position - ends.position[1]])
-    return 1e3 * np.linalg.norm(found, axis=2)
-
-
-@pytest.mark.parametrize("mount", [INSTEP, HEEL], ids=["instep", "heel"])
-@pytest.mark.parametrize("style", list(Style))
-def test_samples_integrate_to_the_truth(style: Style, mount: Mount) -> None:
-    """Plainly to second order; with coning and sculling within 0.3 mm/s and 0.2 mm of each stride at 400 Hz."""
-    foot = made([Stand(1.0), section_of(style, 12)], mount=mount)
-    plain = [np.median(integration_errors(foot, hz), axis=0) for hz in (200.0, 400.0, 800.0)]
-    ratio = np.array(plain[:-1]) / plain[1:]
-    assert np.all((ratio > 3.5) & (ratio < 4.5)), ratio
-    _, velocity, position = integration_errors(foot, 400.0, corrected=True).max(axis=0)
-    assert velocity < 0.3
-    assert position < 0.2
 
 
 # ---- it moves as feet do

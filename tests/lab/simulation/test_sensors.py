@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import SimulationError
@@ -20,7 +19,6 @@ from fg_nav.lab.simulation.sensors import (
     SensorPrior,
     SensorRun,
     TriadPrior,
-    ma_table_1,
     make_iron,
     preset,
     read_sensor,
@@ -187,33 +185,13 @@ def test_each_unit_is_cut_at_its_range_before_the_average() -> None:
     assert gyr[-1] == pytest.approx([limit] * 3)
 
 
-def test_table_2_of_munoz_diaz_is_exact() -> None:
-    run = switch_on(preset("munoz-diaz-table-2"))
-    t, rest = np.arange(100_000) / 100.0, np.zeros((100_000, 3))
-    samples = run.measure(t, rest, rest, lambda at: np.zeros((len(at), 3)))
-    assert np.rad2deg(samples.gyr.mean(axis=0)) == pytest.approx([-0.1, 0.1, -0.1], abs=0.002)
-    assert np.rad2deg(samples.gyr.std(axis=0)) == pytest.approx([0.1, 0.1, 0.1], rel=0.02)
-    assert samples.mag.std(axis=0) == pytest.approx([0.015] * 3, rel=0.02)
-    assert np.rad2deg(run.biases_at(np.array([0.0, 2340.0])).gyr) == pytest.approx(np.array([[-0.1, 0.1, -0.1]] * 2))
-
-
-def test_a_fibre_optic_gyroscope_stays_within_a_degree_an_hour() -> None:
-    """Munoz Diaz, section 2.2: integrated for an hour at rest, no axis errs by more than about a degree."""
-    t, rest = np.arange(36_000) / 10.0, np.zeros((36_000, 3))
-    runs = [switch_on(preset("kvh-1750").at_rate(10.0), seed) for seed in range(20)]
-    assert 0.3 < np.std([np.rad2deg(run.measure(t, rest, rest).gyr.sum(axis=0) / 10.0) for run in runs]) < 1.5
-
-
 def test_sensors_by_name_inherit_and_a_table_changes_what_it_names() -> None:
-    raw, calibrated, shoe = (preset(name) for name in ("mpu-9250-raw", "mpu-9250", "mpu-9250-shoe"))
+    raw, calibrated = preset("mpu-9250-raw"), preset("mpu-9250")
     assert all(preset(name).name == name for name in PRESETS)
     assert raw.gyr == replace(
         calibrated.gyr, bias_sd=raw.gyr.bias_sd, scale_sd=0.015, cross_axis_sd=0.01, g_sensitivity_sd=1.77974e-4
     )
-    assert raw.gyr.bias_sd == pytest.approx(np.deg2rad(2.5), rel=1e-4)
     assert (raw.mag, raw.iron, raw.clock) == (calibrated.mag, calibrated.iron, calibrated.clock)
-    assert shoe.iron == IronPrior(hard_sd_uT=3.5, soft_sd=0.06, hard_spread=1.3)
-    assert preset("kvh-1750").mag is None
     assert replace(calibrated, name="mpu-9250x8", units=8) == EIGHT
     fast = read_sensor({"rate_hz": 500, "gyr": {"drift": {"walk": 0.5}}, "mag": "none"}, calibrated)
     assert (fast.rate_hz, fast.mag, fast.acc) == (500.0, None, calibrated.acc)
@@ -266,30 +244,6 @@ def test_without_a_magnetometer_nobody_asks_for_the_field() -> None:
 
     samples = switch_on(SensorPrior("blind", 400.0, mag=None)).measure(*motion(100, 400.0), never)
     assert samples.mag is None
-
-
-@pytest.mark.parametrize("tilt_deg", [(0.0, 0.0), (12.0, -25.0)])
-def test_ma_calibration_undoes_the_iron_of_his_table(tilt_deg: tuple[float, float]) -> None:
-    """Ma (6) gives the offsets, Ma (8)-(12) a circle again, whatever the tilt of the sensor in stance."""
-    level_R_body = Rotation.from_euler("xy", tilt_deg, degrees=True).as_matrix()
-    prior, count = SensorPrior("quiet", 400.0).with_iron(ma_table_1(level_R_body)), 720
-
-    def body_field(t: Floats) -> Floats:
-        """Of a foot that stands in every direction."""
-        angle = 2 * np.pi * t / (count * prior.period_s)
-        nav_R_level = Rotation.from_rotvec(angle[:, None] * [0.0, 0.0, 1.0]).as_matrix()
-        return np.asarray(np.einsum("nji,j->ni", nav_R_level, NAV_FIELD) @ level_R_body)
-
-    level = (recorded(prior, count, body_field=body_field).mag @ level_R_body.T)[:, :2]
-    offset = (level.max(axis=0) + level.min(axis=0)) / 2
-    assert offset == pytest.approx([13.795, 7.526], abs=0.01)
-    c, s = np.cos(0.973), np.sin(0.973)
-    R = np.array([[c, s], [-s, c]])
-    assert pytest.approx(np.array([[0.562, 0.827], [-0.827, 0.562]]), abs=1e-3) == R
-    corrected = (level - offset) @ R.T * [0.896, 1.0] @ R
-    assert np.linalg.norm(corrected, axis=1) == pytest.approx(20.0, abs=0.02)
-    radius = np.linalg.norm(level - offset, axis=1)
-    assert radius.min() / radius.max() == pytest.approx(0.896, abs=1e-3)
 
 
 def test_effective_iron_is_what_the_readings_have() -> None:
@@ -375,32 +329,12 @@ def test_the_share_is_lost_in_bursts_up_to_the_longest_gap(share: float, burst: 
 
 IMPOSSIBLE = [
     (lambda: TriadPrior(noise_density=-0.1), "noise_density"),
-    (lambda: TriadPrior(bias_sd=float("nan")), "bias_sd"),
     (lambda: TriadPrior(bias=(0.0, 1.0)), "bias"),
-    (lambda: TriadPrior(bias=(0.0, 1.0, float("inf"))), "bias"),
-    (lambda: TriadPrior(limit=0.0), "limit"),
-    (lambda: TriadPrior(resolution=-1.0), "resolution"),
     (lambda: TriadPrior(scale_sd="1 %"), "scale_sd"),
-    (lambda: TriadPrior(cross_axis_sd=0.51), "cross_axis_sd"),
-    (lambda: TriadPrior(g_sensitivity_sd=1.1e3), "g_sensitivity_sd"),
-    (lambda: Drift(sd=-1.0), "sd"),
     (lambda: Drift(time_s=0.5), "time_s"),
-    (lambda: Drift(walk=1.1e3), "walk"),
-    (lambda: Drift(trend=(np.nan, 0.0, 0.0)), "trend"),
-    (lambda: MagnetometerPrior(rate_hz=0.0), "rate_hz"),
-    (lambda: MagnetometerPrior(lag_s=0.21), "lag_s"),
-    (lambda: MagnetometerPrior(offset_sd_uT=1.1e4), "offset_sd_uT"),
-    (lambda: IronPrior(soft=((1.0, 0.0), (0.0, 1.0))), "soft"),
     (lambda: IronPrior(soft=((11.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))), "soft"),
-    (lambda: IronPrior(hard_uT=(0.0, 0.0, -1.1e4)), "hard_uT"),
-    (lambda: ClockPrior(jitter_s=0.051), "jitter_s"),
-    (lambda: ClockPrior(scale_sd=0.011), "scale_sd"),
     (lambda: ClockPrior(dropped_share=0.9), "dropped_share"),
-    (lambda: ClockPrior(burst=0.0), "burst"),
-    (lambda: ClockPrior(longest_gap_s=0.0), "longest_gap_s"),
     (lambda: SensorPrior("none", rate_hz=float("nan")), "rate_hz"),
-    (lambda: SensorPrior("none", 100.0, units=0), "units"),
-    (lambda: preset("ideal").at_rate(-1.0), "rate_hz"),
     (lambda: read_sensor({"gyr": {"limit": "far"}}, EIGHT), "sensor.gyr.limit"),
 ]
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fg_nav.arrays import Floats
-from fg_nav.lab.simulation.sensors import Drift, TriadPrior, preset
+from fg_nav.lab.simulation.sensors import Drift, TriadPrior
 from fg_nav.lab.simulation.sensors.triad import DriftPath, TriadRun, digitize
 
 
@@ -59,19 +59,6 @@ def test_gauss_markov_forgets_at_its_time_and_starts_anywhere() -> None:
     assert paths.std(axis=(0, 2)) == pytest.approx([2.0, 2.0, 2.0], rel=0.05)
     ahead = np.mean(paths[:, 0] * paths[:, 1]) / 4
     assert ahead == pytest.approx(np.exp(-1), abs=0.06)
-
-
-def test_munoz_diaz_recursion_has_the_same_spread() -> None:
-    """MD (10), (11), (24), (25), sample by sample at 100 Hz: the stationary spread is B / sqrt(2)."""
-    lowest, time_s = 0.01, 5.0
-    tau = time_s * 100.0
-    rng = np.random.default_rng(3)
-    bias, total = np.zeros(2000), 0.0
-    for i in range(6000):
-        bias = np.exp(-1 / tau) * bias + lowest / np.sqrt(tau) * rng.standard_normal(2000)
-        total += np.mean(bias**2) if i >= 3000 else 0.0
-    assert np.sqrt(total / 3000) == pytest.approx(lowest / np.sqrt(2), rel=0.05)
-    assert preset("kvh-1750").gyr.drift.sd == pytest.approx(np.deg2rad(0.05 / 3600) / np.sqrt(2), rel=1e-4)
 
 
 def test_drift_does_not_depend_on_who_asks() -> None:

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fg_nav.errors import SimulationError
-from fg_nav.frames import GRAVITY_M_S2, compute_heading, wrap_angle
+from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation import SCENARIOS, Choices, Scenario, SimulatedWalk, simulate, walk
 from fg_nav.lab.simulation.path import polyline
 from fg_nav.lab.simulation.plan import Stand, Walk
@@ -65,11 +65,10 @@ def test_strapdown_of_ideal_samples_reproduces_the_truth_to_second_order():
 
 
 def test_the_field_turned_back_is_that_of_the_place(ideal):
-    truth = ideal.recording.truth
-    nav_field = np.einsum("nij,nj->ni", truth.nav_R_body, ideal.recording.mag)
-    expected = ideal.field.at(truth.position + ideal.origin)
-    np.testing.assert_allclose(nav_field, expected, atol=1e-9)
-    assert np.ptp(np.linalg.norm(expected, axis=1)) > 5.0  # it is not homogeneous
+    nav_field = np.einsum("nij,nj->ni", ideal.attitude, ideal.mag)
+    np.testing.assert_allclose(nav_field, ideal.nav_field(np.arange(len(nav_field))), atol=1e-9)
+    np.testing.assert_allclose(nav_field, ideal.field.at(ideal.truth.position + ideal.origin), atol=1e-9)
+    assert np.ptp(np.linalg.norm(nav_field, axis=1)) > 5.0  # it is not homogeneous
 
 
 def test_at_rest_a_sensor_shows_gravity_its_bias_and_a_noise_of_its_own(real):
@@ -81,17 +80,6 @@ def test_at_rest_a_sensor_shows_gravity_its_bias_and_a_noise_of_its_own(real):
     for samples, triad in ((recording.acc, prior.acc), (recording.gyr, prior.gyr)):
         noise = np.diff(samples[still], axis=0).std(axis=0) / np.sqrt(2)
         np.testing.assert_allclose(noise, triad.noise_density * np.sqrt(prior.rate_hz), rtol=0.2)
-
-
-def test_the_foot_is_slow_where_it_is_said_to_be_flat_and_fast_elsewhere(ideal):
-    truth = ideal.recording.truth
-    speed = np.linalg.norm(np.gradient(truth.position, truth.t, axis=0), axis=1)
-    flat = np.zeros(len(truth.t), dtype=bool)
-    for start, stop in ideal.flat:
-        flat |= (truth.t > start + 0.05) & (truth.t < stop - 0.05)  # it rolls faster where it comes down and leaves
-    assert np.percentile(speed[flat], 99) < 0.3
-    assert speed[~flat].mean() > 1.0
-    assert len(ideal.flat) == len(ideal.strides) + 1
 
 
 def test_truth_begins_at_the_origin_and_goes_as_far_as_the_course(ideal):
@@ -189,17 +177,6 @@ def test_landmarks_are_passed_on_every_lap_at_the_same_place():
     assert np.linalg.norm(doors - doors[0], axis=1).max() < 1.5  # a stride comes down within 0.65 m of it
 
 
-def test_a_pocket_never_stands_still_while_walking():
-    walk = simulate(SHORT, 1, Choices(worn="pocket", sensor="xsens-mtw"))
-    t, speed = (
-        walk.recording.t,
-        np.linalg.norm(np.gradient(walk.recording.truth.position, walk.recording.t, axis=0), axis=1),
-    )
-    going = (t > walk.strides.start[2]) & (t < walk.strides.start[-2])
-    assert speed[going].min() > 0.2
-    assert walk.flat is None
-
-
 def with_clock(**parameters) -> Scenario:
     return replace(SHORT, sensor=replace(preset("ideal"), clock=ClockPrior(**parameters)))
 
@@ -251,13 +228,7 @@ REFUSED = [
     (Choices(sensor="nonsense"), "no sensor 'nonsense'"),
     (Choices(field=""), "no field ''"),
     (Choices(site="atlantis"), "no site"),
-    (Choices(site="north,by,northwest"), "is no place"),
-    (Choices(site="48,11"), "is no place"),
-    (Choices(site="48,11,"), "is no place"),
-    (Choices(site="48,11,20240501"), "is no place"),
-    (Choices(site="48,11,2024-W18-3"), "is no place"),
     (Choices(site="48,11,2024-02-30"), "is no place"),
-    (Choices(site="48,11,2024-05-01,noon"), "is no place"),
     (Choices(worn="hand"), "no place to wear a sensor at 'hand': choose one of heel, instep, pocket"),
     (Choices(rests="some"), "no kind of rests 'some': choose one of still, rocking, none"),
     (Choices(feet="cold"), "no kind of feet 'cold'"),
@@ -281,18 +252,6 @@ def test_what_cannot_be_is_refused_by_name():
         simulate(SHORT, -1)
     with pytest.raises(SimulationError, match="no strides"):
         simulate("at-rest", 1, Choices(worn="heel"))
-
-
-def test_a_closed_course_ends_where_and_as_it_began():
-    walk = simulate("demo", 4, IDEAL)
-    truth = walk.recording.truth
-    np.testing.assert_allclose(walk.strides.footprint[-1], walk.strides.footprint[0], atol=1e-9)
-    assert np.linalg.norm(truth.position[-1] - truth.position[0]) < 0.02  # slip of the last stances and sway
-    assert abs(float(wrap_angle(walk.strides.heading[-1] - walk.strides.heading[0]))) < 1e-6
-    assert 60 < walk.recording.duration_s < 75
-    assert 70 < np.linalg.norm(np.diff(truth.position[:, :2], axis=0), axis=1).sum() < 85
-    heading_deg = np.rad2deg(np.unwrap(compute_heading(truth.nav_R_body)))
-    assert heading_deg[-1] - heading_deg[0] == pytest.approx(360.0, abs=0.5)
 
 
 def test_a_sensor_on_a_table_reads_gravity_and_the_field_in_one_attitude():

@@ -19,7 +19,6 @@ from functools import partial
 import numpy as np
 from matplotlib.figure import Figure
 
-from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
 from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.lab import palette
@@ -90,30 +89,25 @@ def measure_past(past: Mapping[int, Sequence[Arrays]], line: Line) -> dict[str, 
     what, walks = line.measure[0], past[int(line.measure[1])]
     found = {}
     for column, detector in COLUMNS.items():
-        near, far = ([statistics_in(walk, detector, *zone) for walk in walks] for zone in (NEAR, FAR))
+        # statistics over their thresholds, walk by walk, where the magnet turns the field that far
+        zones = []
+        for low_deg, high_deg in (NEAR, FAR):
+            inside = [(walk["turned_deg"] >= low_deg) & (walk["turned_deg"] < high_deg) for walk in walks]
+            judged = [walk[f"statistic {detector}"][part] for walk, part in zip(walks, inside, strict=True)]
+            zones.append([statistic[np.isfinite(statistic)] for statistic in judged])
+        near, far = (np.concatenate(zone) for zone in zones)
         if what in ("near", "far"):  # share accepted of the footfalls of all walks, and the spread over single walks
-            zone = near if what == "near" else far
-            each = [float((part < 1.0).mean()) for part in zone if len(part)]
+            each = [float((part < 1.0).mean()) for part in zones[what == "far"] if len(part)]
             low, high = np.percentile(each, [5.0, 95.0]).tolist() if each else (0.0, 0.0)
-            share = float((np.concatenate(zone) < 1.0).mean()) if each else 0.0
+            share = float(((near if what == "near" else far) < 1.0).mean()) if each else 0.0
             found[column] = Spread(share, low, high, len(each)) if each else NOTHING
-        else:
-            value = float(sum(map(len, near))) if what == "number" else separation(np.hstack(near), np.hstack(far))
-            found[column] = Spread(value, value, value, len(walks) if np.isfinite(value) else 0)
+            continue
+        value = float(len(near))
+        if what == "area":  # probability that the statistic of a footfall near is above that of one far
+            both, is_far = np.concatenate([far, near]), np.arange(len(far) + len(near)) < len(far)
+            value = make_roc(both, is_far).area if len(near) and len(far) else math.inf
+        found[column] = Spread(value, value, value, len(walks) if np.isfinite(value) else 0)
     return found
-
-
-def statistics_in(walk: Arrays, detector: str, low_deg: float, high_deg: float) -> Floats:
-    """Statistic over its threshold of each footfall judged, where the magnet turns the field that far."""
-    statistic = walk[f"statistic {detector}"][(walk["turned_deg"] >= low_deg) & (walk["turned_deg"] < high_deg)]
-    return np.asarray(statistic[np.isfinite(statistic)])
-
-
-def separation(near: Floats, far: Floats) -> float:
-    """Probability that the statistic of a footfall near is above that of one far: the area under the ROC."""
-    if not (len(near) and len(far)):
-        return math.inf
-    return make_roc(np.concatenate([far, near]), np.arange(len(far) + len(near)) < len(far)).area
 
 
 def draw_verdicts(walk: Arrays) -> Figure:

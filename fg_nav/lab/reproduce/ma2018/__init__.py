@@ -160,7 +160,9 @@ def walk_loop(seed: int) -> Arrays:
     with suppress(CalibrationError):
         iron = make_iron(R.T @ MA_B_UT, R.T @ np.linalg.inv(MA_K) @ R)
         bare = fit_ellipsoid(tumble(preset(SENSOR).with_iron(iron), seed))
-        K = upper_triangular(R @ bare.correction @ R.T)
+        # upper triangular with the same strengths, as K_c of Table 1: the corrected field is turned by the difference
+        correction = R @ bare.correction @ R.T
+        K = np.asarray(np.linalg.cholesky(correction.T @ correction).T)
         arrays |= {"K": K, "B_uT": R @ bare.hard_iron_uT}
         corrected = (field.body_field - bare.hard_iron_uT) @ (R.T @ K @ R).T
         level = rotate_to_level(corrected, field.nav_R_body[:, 2])
@@ -218,14 +220,6 @@ def _find_by_extremes(level_xy: Floats, method: str, find_eta: Callable[[float, 
     found = Ellipse(method, offset, eta, float(r.min() / r.max()), float(r.min()), unknown, np.nan, len(centered))
     spread = np.linalg.norm(found.correct(readings), axis=1) - found.radius_uT
     return replace(found, residual_uT=float(np.sqrt((spread**2).mean())))
-
-
-def upper_triangular(correction: Floats) -> Floats:
-    """Turn a correction C (3, 3) into the upper triangular one with the same strengths: K_c of Ma 2018, Table 1.
-
-    K^T K = C^T C, with positive diagonal. The corrected field is turned by what C and K differ in.
-    """
-    return np.asarray(np.linalg.cholesky(correction.T @ correction).T)
 
 
 def measure_calibration(loops: Sequence[Arrays]) -> Measures:

@@ -43,6 +43,7 @@ from fg_nav.recording import Recording
 
 BORDER_S = 0.3  # For so long after a border there is no field.
 LATITUDE_DEG = 48.0
+TURNED = 400  # Readings of a calibration by hand.
 
 
 def replace_field(
@@ -175,19 +176,15 @@ def record_second(walk: SimulatedWalk, case: str, seed: int) -> Recording:
         return replace(walk.recording, mag=None)
     if "raw" in case:
         return walk.recording
-    strength_uT = float(np.linalg.norm(walk.earth.vector))
-    return fit_ellipsoid(turn_by_hand(walk, seed), strength_uT).apply_to(walk.recording)
-
-
-def turn_by_hand(walk: SimulatedWalk, seed: int, count: int = 400) -> Floats:
-    """Readings (N, 3) uT of the walk's sensor, turned about all ways in the Earth's field before the walk."""
-    rng = np.random.default_rng([seed, 2])
-    direction = rng.standard_normal((count, 3))
-    direction *= np.linalg.norm(walk.earth.vector) / np.linalg.norm(direction, axis=1, keepdims=True)
+    # readings of the sensor turned about all ways in the Earth's field before the walk
+    rng, strength_uT = np.random.default_rng([seed, 2]), float(np.linalg.norm(walk.earth.vector))
+    direction = rng.standard_normal((TURNED, 3))
+    direction *= strength_uT / np.linalg.norm(direction, axis=1, keepdims=True)
     sensor, prior = walk.drawn["sensor"], walk.scenario.prior.mag
     assert prior is not None
-    noise = prior.noise_sd_uT * rng.standard_normal((count, 3))
-    return np.asarray(direction @ np.array(sensor["soft_iron"]).T + sensor["hard_iron_uT"] + noise)
+    noise = prior.noise_sd_uT * rng.standard_normal((TURNED, 3))
+    readings = direction @ np.array(sensor["soft_iron"]).T + sensor["hard_iron_uT"] + noise
+    return fit_ellipsoid(readings, strength_uT).apply_to(walk.recording)
 
 
 def read_setting(walk: SimulatedWalk) -> Setting:

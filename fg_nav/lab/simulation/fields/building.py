@@ -230,23 +230,19 @@ TREADS_ROOM_M = 0.35  # From a piece to where a sensor may be, at least (winding
 
 
 def draw_treads(path: FloorPath, rng: np.random.Generator) -> Dipoles:
-    """Bury the pieces under the path."""
+    """Bury the pieces under the path: along it as it climbs, and level to its sides."""
     count = max(1, round(TREADS_PER_M * SPOTS_M))
-    position = _bury_under(np.repeat(path.spots, count, axis=0), np.repeat(path.spot_directions, count, axis=0), rng)
+    spot, direction = (np.repeat(of, count, axis=0) for of in (path.spots, path.spot_directions))
+    along = SPOTS_M * rng.uniform(-0.5, 0.5, (len(spot), 1))
+    aside = TREADS_HALF_WIDTH_M * rng.uniform(-1, 1, (len(spot), 1))
+    depth = rng.uniform(*TREADS_DEPTH_M, (len(spot), 1))
+    position = spot + along * direction + aside * np.cross(direction, UP) - depth * UP
     position = position[path.room(position) >= TREADS_ROOM_M]
     moment = rng.standard_normal(position.shape)
     unit = Dipoles(position, moment / np.linalg.norm(moment, axis=1, keepdims=True))
     felt = unit.at(path.points + np.array([0.0, 0.0, TREADS_HEIGHT_M]))
     size = TREADS_UT / np.sqrt(np.mean(felt**2))
     return Dipoles(unit.position, size * unit.moment)
-
-
-def _bury_under(spot: Floats, direction: Floats, rng: np.random.Generator) -> Floats:
-    """Places (K, 3) m under the path: along it as it climbs, and level to its sides."""
-    along = SPOTS_M * rng.uniform(-0.5, 0.5, (len(spot), 1))
-    aside = TREADS_HALF_WIDTH_M * rng.uniform(-1, 1, (len(spot), 1))
-    depth = rng.uniform(*TREADS_DEPTH_M, (len(spot), 1))
-    return spot + along * direction + aside * np.cross(direction, UP) - depth * UP
 
 
 TRIES = 30  # So often another place is tried; a path that leaves no room has fewer objects.
@@ -299,7 +295,12 @@ def place_cables(path: FloorPath, rng: np.random.Generator, per_100_m: float = C
 def _place_one(kind: Kind, path: FloorPath, nav_field: Floats, rng: np.random.Generator) -> Dipoles | None:
     length = rng.uniform(*kind.length_m)
     axis = _horizontal(rng) if kind.lies else UP
-    moment = _moment(kind, length, axis, nav_field, rng)
+    # magnetized by the field, and by what it remembers
+    volume_m3 = 1e-3 * np.exp(rng.uniform(*np.log(kind.steel_litre)))
+    radius_m = float(np.sqrt(1.5 * volume_m3 / (np.pi * length)))
+    remembered = rng.standard_normal(3)
+    remembered *= kind.memory * np.linalg.norm(nav_field) / np.linalg.norm(remembered)
+    moment = compute_spheroid_moment(nav_field + remembered, axis, length / 2, radius_m)
     for _ in range(TRIES):
         end = _place_aside(path.spots, kind.aside_m, rng) + rng.uniform(*kind.bottom_m) * UP
         start = end - length / 2 * axis if kind.lies else end
@@ -307,14 +308,6 @@ def _place_one(kind: Kind, path: FloorPath, nav_field: Floats, rng: np.random.Ge
         if path.room(dipoles.position).min() >= kind.room_m:
             return dipoles
     return None
-
-
-def _moment(kind: Kind, length_m: float, axis: Floats, nav_field: Floats, rng: np.random.Generator) -> Floats:
-    volume_m3 = 1e-3 * np.exp(rng.uniform(*np.log(kind.steel_litre)))
-    radius_m = float(np.sqrt(1.5 * volume_m3 / (np.pi * length_m)))
-    remembered = rng.standard_normal(3)
-    remembered *= kind.memory * np.linalg.norm(nav_field) / np.linalg.norm(remembered)
-    return compute_spheroid_moment(nav_field + remembered, axis, length_m / 2, radius_m)
 
 
 def _lay_one(path: FloorPath, rng: np.random.Generator) -> Circuit | None:
