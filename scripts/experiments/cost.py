@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 from argparse import Namespace
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -31,7 +31,6 @@ from walks import Real, simulate_long_walk
 from experiments import FAILURE, Asked, Column, Experiment, Figures, Found, Table, Task, write_table
 from fg_nav.detection import detect_stances
 from fg_nav.detection.stance import Stances
-from fg_nav.ekf import run_iez
 from fg_nav.errors import SimulationError
 from fg_nav.evaluation.comparison import align, interpolate_truth
 from fg_nav.io import write_canonical
@@ -42,7 +41,6 @@ from fg_nav.pipeline import prepare_walk, run_method
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.strides import POSITION_DENSITY
-from fg_nav.solution import Solution
 from fg_nav.truth import TrajectoryTruth
 from fg_nav.walk import Options, Walk
 
@@ -132,9 +130,8 @@ CPU, WALL, MEMORY = "processor (s)", "wall (s)", "memory (MB)"
 def run_command(*words: str, variables: Mapping[str, str] | None = None) -> dict[str, float]:
     """Run `fg-nav` with these words; its processor time, its time on the wall and its memory at its highest."""
     began, command = perf_counter(), [sys.executable, "-m", "fg_nav.cli", *words]
-    process = subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env={**os.environ, **(variables or {})}
-    )
+    quiet, variables = subprocess.DEVNULL, {**os.environ, **(variables or {})}
+    process = subprocess.Popen(command, stdout=quiet, stderr=quiet, env=variables)
     _, status, used = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
@@ -188,9 +185,10 @@ def measure_simulator() -> Found:
     return runs
 
 
-# --- other programs ---------------------------------------------------------------------------------------------------
+# --- other programs --------------------------------------------------------------------------------------------------
 
 RUNNER = Path(__file__).resolve().parents[1] / "bench" / "peer_runner.py"
+PEERS: Sequence[str] = ("gaitmap", "gaitmap, our stances", "vqf", "vqf offline")  # the last two have no position
 LEFT_OUT: Mapping[str, str] = {
     "fg-nav smoother": "-",
     "fg-nav iez": "smoothing, field",
@@ -212,15 +210,10 @@ def measure_programs(python: str | None, repeats: int, source: Real | int) -> Fo
     """Run all programs on a walk, a recording or that of a seed; times over that of the bare loop."""
     if isinstance(source, Real):
         walk = source.prepare(labelled=source.path.suffix == ".mat")
-        recording, stances = walk.recording, walk.stances
+        recording = walk.recording
     else:
         recording = simulate("demo", source).recording
-        stances = detect_stances(recording)
-    others = ("gaitmap", "gaitmap, our stances", *(("vqf", "vqf offline") if isinstance(source, int) else ()))
-    programs: dict[str, Callable[[], tuple[float, Rotation, Any]]] = {
-        **{name: partial(run_ours, run, recording, stances, repeats) for name, run in OURS.items()},
-        **{name: partial(run_peer, python, name, recording, stances, repeats) for name in others},
-    }
+        walk = prepare_walk(Walk.of(recording))
     bare_s = min(measure_cpu(partial(run_bare_loop, recording)) for _ in range(repeats))
 
     def measure(run: Callable[[], tuple[float, Rotation, Any]]) -> Figures:
@@ -228,25 +221,19 @@ def measure_programs(python: str | None, repeats: int, source: Real | int) -> Fo
         costs = {"over_bare": seconds / bare_s, "us_a_sample": 1e6 * seconds / len(recording)}
         return {**costs, **measure_errors(recording, nav_R_body, position)}
 
-    return {name: partial(measure, run) for name, run in programs.items()}
+    others = PEERS[:2] if isinstance(source, Real) else PEERS
+    return {
+        **{f"fg-nav {name}": partial(measure, partial(run_ours, name, walk, repeats)) for name in ("smoother", "iez")},
+        **{
+            name: partial(measure, partial(run_peer, python, name, recording, walk.stances, repeats)) for name in others
+        },
+    }
 
 
-def run_smoother(recording: Recording, stances: Stances) -> Solution:
-    """Run the smoother, with the magnetometer where there is one, as the filters of orientation have it."""
-    if recording.mag is None:
-        return smooth(recording, stances)
-    return run_method(prepare_walk(Walk.of(recording, Options())), "smoother").solution
-
-
-OURS: Mapping[str, Callable[[Recording, Stances], Solution]] = {"fg-nav smoother": run_smoother, "fg-nav iez": run_iez}
-
-
-def run_ours(
-    run: Callable[[Recording, Stances], Solution], recording: Recording, stances: Stances, repeats: int
-) -> tuple[float, Rotation, Any]:
+def run_ours(method: str, walk: Walk, repeats: int) -> tuple[float, Rotation, Any]:
     """Processor time of a method of ours, the least behind a first call, attitudes and positions."""
-    solution = run(recording, stances)
-    seconds = min(measure_cpu(partial(run, recording, stances)) for _ in range(repeats))
+    solution = run_method(walk, method).solution
+    seconds = min(measure_cpu(partial(run_method, walk, method)) for _ in range(repeats))
     return seconds, Rotation.from_matrix(solution.nav_R_body), solution.position
 
 
@@ -272,14 +259,14 @@ def run_peer(
 def measure_errors(recording: Recording, nav_R_body: Rotation, position: Any) -> dict[str, float]:
     """Errors of position, rms over the samples after a rotation about up and a shift, and of attitude."""
     errors, truth = dict[str, float](), recording.truth
-    if position is not None and not isinstance(truth, TrajectoryTruth):
-        errors["closure_m"] = float(np.linalg.norm(position[-1] - position[0]))
-    elif position is not None and isinstance(truth, TrajectoryTruth):
+    if not isinstance(truth, TrajectoryTruth):
+        return {"closure_m": float(np.linalg.norm(position[-1] - position[0]))}
+    if position is not None:
         row, true = interpolate_truth(truth, recording.t)
         off = align(position[row], true).apply(position[row]) - true
         for key, part in (("rmse_2d_m", off[:, :2]), ("rmse_3d_m", off)):
             errors[key] = float(np.sqrt((part**2).sum(axis=1).mean()))
-    if isinstance(truth, TrajectoryTruth) and truth.nav_R_body is not None and len(truth.t) == len(recording):
+    if truth.nav_R_body is not None and len(truth.t) == len(recording):
         turn = nav_R_body * Rotation.from_matrix(truth.nav_R_body).inv()  # in nav: about up, and the rest
         x, y, z, w = turn.as_quat().T
         heading = np.unwrap(2.0 * np.arctan2(z, w))

@@ -135,11 +135,6 @@ AT_ONCE_S, FOOTFALLS_HZ = 0.1, 100.0  # samples that come at once, and how many 
 PERCENTILES = {"p50": 50, "p99": 99, "longest": 100}
 
 
-def list_footfalls(chosen: Namespace) -> list[Task]:
-    """One walk in progress."""
-    return [Task("the whole walk", f"{chosen.minutes:g} min", partial(measure_footfalls, chosen.minutes))]
-
-
 def measure_footfalls(minutes: float) -> Found:
     """Time each push that returns a line, and what the memory of both processes is at the end."""
     recording = walks.simulate_long_walk(minutes, harness.FIRST_SEED, FOOTFALLS_HZ, "indoor")
@@ -220,7 +215,7 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         `OnlineNavigator.push` for hours round a corridor with a magnetometer at 100 Hz, a tenth of a second at a time,
         solved again in a process beside it; memory of both processes, MB. The walk is pushed faster than it was walked,
         so where it waits for the other process, the time that this would have had is not counted.""",
-        list_footfalls,
+        lambda chosen: [Task("the whole walk", "1", partial(measure_footfalls, chosen.minutes))],
         [Column(name, name, "mean", "{:.1f}") for name in (*PERCENTILES, "footfalls", "memory")],
         [Asked(name, "mean", high=high) for name, high in (("p50", 10), ("p99", 60), ("longest", 250))],
         options={"minutes": option(20.0, "of walking", metavar="N")},

@@ -18,8 +18,7 @@ import numpy as np
 from harness import option
 
 from experiments import Asked, Column, Experiment, Figures, Found, Task, find_truth, give_heading, list_seeds
-from experiments.coverage import FREEDOM, JointErrors, Seen
-from fg_nav.calibration.of_recording import Calibration
+from experiments.coverage import FREEDOM, JointErrors
 from fg_nav.evaluation.comparison import align, interpolate_truth
 from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.lab.campaign.walks import simulate_calibration
@@ -32,13 +31,11 @@ from fg_nav.pipeline import Result, prepare_walk, run_method, take_places
 from fg_nav.places import SavedPlaces, locate, trace_signature
 from fg_nav.smoother import SmootherParameters
 from fg_nav.smoother.batch import SmoothedWalk, smooth_graph
+from fg_nav.smoother.parameters import WalkParameters
 from fg_nav.walk import Options
 from fg_nav.walk import Walk as Prepared
 
-PLACES = {
-    name: replace(SmootherParameters(), walk=replace(SmootherParameters().walk, places=places))
-    for name, places in (("with", True), ("without", False))
-}
+PLACES = {"with": SmootherParameters(), "without": SmootherParameters(walk=WalkParameters(places=False))}
 KNOT_M = 0.5  # Between the points that a wandering path goes through: less than half the radius of a corner.
 ASIDE_M, ASIDE_LENGTH_M = 0.25, 5.0  # By how much a path wanders, rms, and its correlation length.
 FALSE_M = 2.0  # So far apart are the footfalls of a false tie.
@@ -47,10 +44,8 @@ FALSE_M = 2.0  # So far apart are the footfalls of a false tie.
 # --- walks that return, and such as do not ---------------------------------------------------------------------------
 
 
-@cache
-def calibrate(seed: int) -> Calibration:
-    """Calibrate the shoe and sensor of a seed, which are those of all these walks, on a loop."""
-    return simulate_calibration("office", seed)
+calibrate = cache(partial(simulate_calibration, "office"))
+"""Calibrate the shoe and sensor of a seed, which are those of all these walks, on a loop."""
 
 
 def walk_laps(name: str, laps: int) -> tuple[Scenario, int]:
@@ -88,13 +83,9 @@ def move_path(path: Path, seed: int) -> Path:
     return curve.with_landmarks(marks, [mark.name for mark in path.landmarks])
 
 
-CORRIDOR_M, SHORT_M = 32.0, 220.0
-
-
-def walk_corridors(count: int, apart_m: float) -> Path:
-    """So many corridors to the east, walked to and fro."""
-    rows = [[(0.0, k * apart_m), (CORRIDOR_M, k * apart_m)][:: -1 if k % 2 else 1] for k in range(count)]
-    return polyline([corner for row in rows for corner in row], routes.CORNER_M)
+SHORT_M = 220.0
+PARALLEL_M = [corner for k in range(6) for corner in [(0.0, 3.0 * k), (32.0, 3.0 * k)][:: -1 if k % 2 else 1]]
+"""Six corridors to the east, walked to and fro."""
 
 
 def walk_along(path: Path, like: str = "office") -> Scenario:
@@ -115,7 +106,7 @@ COURSES: Mapping[str, tuple[Scenario, int]] = {
     "mall, 3 laps": walk_laps("mall", 3),
     "office, 10 laps": walk_laps("office", 10),
     "alone, open": (replace(scenario("office-open"), name="open", route=shorten_open), 1),
-    "alone, parallel": (replace(walk_along(walk_corridors(6, 3.0), "office-open"), name="parallel"), 1),
+    "alone, parallel": (replace(walk_along(polyline(PARALLEL_M, routes.CORNER_M), "office-open"), name="parallel"), 1),
 }  # fmt: skip
 
 
@@ -126,12 +117,6 @@ SECTIONS = {
     for given in (True, False)
 }
 ALONE = [section for section in SECTIONS if section.startswith("alone")]
-
-
-def list_returning(chosen: Namespace) -> list[Task]:
-    """All courses in both fields, the heading at the start given and not."""
-    measures = {section: partial(measure_course, *case, chosen.feet) for section, case in SECTIONS.items()}
-    return list_seeds(chosen, measures)
 
 
 def measure_course(name: str, level: str, given: bool, feet: Feet | None, seed: int) -> Found:
@@ -163,8 +148,8 @@ def measure_errors(walk: SimulatedWalk, smoothed: SmoothedWalk, laps: int, given
             found[which + words] = float(np.sqrt(np.mean(error[lap == k] ** 2)))
     if laps > 1:
         found["last / 1"] = found["last lap"] / found["lap 1"]
-    seen = Seen(row, place, 0.001, True, nav_R_body[table.sample], is_aligned=given)
-    squared = JointErrors(table, smoothed.joint, seen).measure_places()["horizontal"]
+    errors = JointErrors(table, smoothed.joint, row, place, 0.001, nav_R_body[table.sample], is_aligned=given)
+    squared = errors.measure_places()["horizontal"]
     found["ratio"] = float(np.sqrt(squared.mean() / FREEDOM["horizontal"]))
     # footfalls that are said to be at an earlier place, and those that are not
     if table.same_place is not None:
@@ -256,7 +241,9 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         after the best yaw and as started; error / sigma of all footfalls. Alone: walks of some 200 m that never
         return: a part of office-open, corridors 3 m apart. False:
         footfalls that are said to be at the place of one from which they are more than 2 m away.""",
-        list_returning,
+        lambda chosen: list_seeds(
+            chosen, {section: partial(measure_course, *case, chosen.feet) for section, case in SECTIONS.items()}
+        ),
         (
             Column("lap 1", "lap 1 (m)"),
             Column("last lap", "last lap (m)"),

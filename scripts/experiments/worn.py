@@ -12,16 +12,18 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import walks
 from harness import Figure, option
+from pymap3d import geodetic2enu
 
 from experiments import Asked, Column, Experiment, Figures, Found, Table, Task, find_truth, give_heading, list_seeds
 from fg_nav import navigate_feet, pocket
 from fg_nav.arrays import Bools, Floats, interpolate_columns
 from fg_nav.detection import detect_stances
-from fg_nav.evaluation.comparison import align
+from fg_nav.evaluation.comparison import align, yaw_between
 from fg_nav.frames import compute_heading, wrap_angle, yaw_rotation
 from fg_nav.io import read, read_gnss
 from fg_nav.lab.consistency import compute_stance_nees
@@ -30,7 +32,7 @@ from fg_nav.lab.reproduce.munoz_diaz2017.walks import FIELDS_UT, replace_field
 from fg_nav.lab.simulation import Choices, simulate, simulate_feet
 from fg_nav.lab.simulation.fields import Field, Homogeneous, street
 from fg_nav.magnetic import average_footfall_field
-from fg_nav.pipeline import navigate
+from fg_nav.pipeline import Result, navigate
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
 from fg_nav.smoother.batch import WalkInput
@@ -43,16 +45,6 @@ SIDES = ("left", "right")
 
 
 # --- simulated feet ---------------------------------------------------------------------------------------------------
-
-
-def list_simulated(chosen: Namespace) -> list[Task]:
-    """Each scenario without and with the magnetometer."""
-    measures = {
-        f"{name}, {words} magnetometer": partial(measure_pair, name, words == "with")
-        for name in chosen.scenarios
-        for words in ("without", "with")
-    }
-    return list_seeds(chosen, measures)
 
 
 def measure_pair(name: str, with_mag: bool, seed: int) -> Found:
@@ -137,7 +129,7 @@ def measure_recorded(left: Path, right: Path) -> Found:
 
     def measure() -> dict[str, float | str]:
         result = navigate_feet(left, right, "inertial", sides="left,right")
-        found: dict[str, float | str] = {"person (m)": result.metrics.distance_m, "cells": float(result.pairing.cells)}
+        found: dict[str, float | str] = {"person (m)": result.metrics.distance_m}
         captured = left.with_name("vicon.npz")
         for side, foot in result.feet.items():
             end = float(np.linalg.norm(np.diff(foot.position[[0, -1], :2], axis=0)))
@@ -168,17 +160,12 @@ def measure_captured(folder: Path) -> Found:
 
 # --- gyro bias -------------------------------------------------------------------------------------------------------
 
-WITHIN_DEG_S, FROM_S, STREET_M = 0.02, 60.0, 500.0
+WITHIN_DEG_S, FROM_S, STREET_M, NOISE_UT = 0.02, 60.0, 500.0, 0.5  # the noise is that of a sample
 AFTER_S = (60, 2300)
 FIELDS = ("equator", "munich", "street", "past-cars")
 
 
-def list_biases(chosen: Namespace) -> list[Task]:
-    """The walks of each seed in each field."""
-    return list_seeds(chosen, {name: partial(find_bias, name, chosen.noise) for name in FIELDS})
-
-
-def find_bias(name: str, noise_uT: float, seed: int) -> Found:
+def find_bias(name: str, seed: int) -> Found:
     """What each method, given the noise of the magnetometer, finds in a field."""
     if name == "past-cars":
         walk = simulate("pocket-past-cars", seed)
@@ -187,17 +174,14 @@ def find_bias(name: str, noise_uT: float, seed: int) -> Found:
         walk = simulate("pocket-street", seed, Choices(aligned=True))
         field = Homogeneous(FIELDS_UT["equator" if name == "street" else name])
         field = street(field, STREET_M) if name == "street" else field
-    recording = replace_field(walk, field, noise_uT, np.random.default_rng((seed, FIELDS.index(name))))
+    recording = replace_field(walk, field, NOISE_UT, np.random.default_rng((seed, FIELDS.index(name))))
     nav_R_body = find_truth(recording)[1]
-    start, last = pocket.PocketStart(nav_R_body[0], math.radians(0.5)), nav_R_body[-1]
-    graph, paper = (
-        pocket.PocketSmootherParameters(mag_sigma_uT=noise_uT),
-        pocket.PocketParameters(mag_sigma_uT=noise_uT),
-    )
+    start = pocket.PocketStart(nav_R_body[0], math.radians(0.5))
+    graph = pocket.PocketSmootherParameters(mag_sigma_uT=NOISE_UT)
     methods: Mapping[str, Callable[[], pocket.PocketTrack]] = {
-        "online": lambda: follow_pocket(recording, graph, start),
-        "batch": lambda: pocket.smooth_pocket(recording, graph, start),
-        "paper": lambda: pocket.estimate_pocket(recording, paper, start),
+        "online": partial(follow_pocket, recording, graph, start),
+        "batch": partial(pocket.smooth_pocket, recording, graph, start),
+        "paper": partial(pocket.estimate_pocket, recording, pocket.PocketParameters(mag_sigma_uT=NOISE_UT), start),
     }
 
     def judge(run: Callable[[], pocket.PocketTrack]) -> Figures:
@@ -207,8 +191,7 @@ def find_bias(name: str, noise_uT: float, seed: int) -> Found:
         z = np.degrees(off[np.searchsorted(track.t, np.arange(track.t[0], track.t[-1], 1.0)), 2])
         outside = np.flatnonzero(~(np.abs(z) <= WITHIN_DEG_S))
         since = float(outside[-1] + 1) if len(outside) else 0.0
-        turn = track.nav_R_body[-1] @ last.T
-        yaw = math.degrees(math.atan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1]))
+        yaw = float(np.degrees(yaw_between(nav_R_body[-1], track.nav_R_body[-1])))
         kept = track.t[track.covariance_sample] >= FROM_S
         e, P = off[track.covariance_sample[kept]], track.covariance[kept, 3:, 3:]
         nees = float(np.einsum("ni,ni->n", e, np.linalg.solve(P, e[:, :, None])[:, :, 0]).mean())
@@ -221,7 +204,6 @@ def find_bias(name: str, noise_uT: float, seed: int) -> Found:
 # --- real pockets and thighs -----------------------------------------------------------------------------------------
 
 MAX_ACCURACY_M, DECLINATION_DEG = 15.0, -6.0  # Of a fix; of magnetic north, where the phones were carried.
-POCKET = Options(mount="pocket")
 
 
 def list_pockets(chosen: Namespace) -> list[Task]:
@@ -242,42 +224,31 @@ def measure_pocket(path: Path) -> Found:
     def distance(path: Floats, where: Bools) -> float:
         return float(np.linalg.norm(path - place, axis=1)[where].mean())
 
+    def solve(gnss: Gnss | None) -> tuple[Result, Floats]:
+        found = navigate(replace(Walk.of(recording, Options(mount="pocket")), gnss=gnss), "pocket")
+        return found, interpolate_columns(t, found.t, found.position[:, :2])
+
     def by_sensor() -> Figures:
-        walked, metres, _ = solve(recording, None, t)
-        given = FixColumns(t[first], place[first], sigma[first])
-        turn, shift = find_turn(walked[first], given)
+        found, walked = solve(None)
+        turn, shift = find_turn(walked[first], FixColumns(t[first], place[first], sigma[first]))
         north = walked @ yaw_rotation(np.radians(-DECLINATION_DEG))[:2, :2].T
-        middle = np.median((place - north)[first], axis=0)
         return {
-            "metres": metres / float(np.linalg.norm(np.diff(place[::5], axis=0), axis=1).sum()),
+            "metres": found.metrics.distance_m / float(np.linalg.norm(np.diff(place[::5], axis=0), axis=1).sum()),
             "rigid (m)": distance(walked @ yaw_rotation(turn)[:2, :2].T + shift, ~first),
-            "north (m)": distance(north + middle, ~first),
+            "north (m)": distance(north + np.median((place - north)[first], axis=0), ~first),
         }
 
     def by_fixes() -> Figures:
-        found = dict[str, float]()
+        figures = dict[str, float]()
         for name, used in (("first (m)", first), ("held (m)", half), ("30 s (m)", minute)):
-            some = replace(gnss, fixes=tuple(fix for fix, use in zip(kept, used, strict=True) if use))
-            fused, _, start = solve(recording, some, t)
-            found[name] = distance(fused + start, ~used)
-        return found
+            found, fused = solve(replace(gnss, fixes=tuple(fix for fix, use in zip(kept, used, strict=True) if use)))
+            start: Any = found.parameters["gnss_start"]  # in the axes of the fixes
+            origin = gnss.latitude_deg, gnss.longitude_deg, 0.0
+            shift = geodetic2enu(start["latitude_deg"], start["longitude_deg"], 0.0, *origin)[:2]
+            figures[name] = distance(fused + np.array(shift), ~used)
+        return figures
 
     return {"sensor": by_sensor, "with fixes": by_fixes}
-
-
-def solve(recording: Recording, gnss: Gnss | None, at: Floats) -> tuple[Floats, float, Floats]:
-    """Places (K, 2) m from the start at times (K,) s, the metres walked, and the start (2,) m in the fixes' axes."""
-    from pymap3d import geodetic2enu
-
-    found = navigate(replace(Walk.of(recording, POCKET), gnss=gnss), "pocket")
-    place = interpolate_columns(at, found.t, found.position[:, :2])
-    if gnss is None:
-        return place, found.metrics.distance_m, np.zeros(2)
-    start = found.parameters["gnss_start"]
-    assert isinstance(start, dict)
-    degrees = start["latitude_deg"], start["longitude_deg"]
-    east, north, _ = geodetic2enu(*degrees, 0.0, gnss.latitude_deg, gnss.longitude_deg, 0.0)
-    return place, found.metrics.distance_m, np.array([east, north])
 
 
 EXPERIMENTS: Mapping[str, Experiment] = {
@@ -288,7 +259,14 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         the claims are true; turn of the whole walk over the heading's sigma, rms. Errors of two sensors that are
         independent and of one size leave 0.71 of it in the mean of both; by walk the mean of two errors is 1.36 times
         the smaller one (median), as nothing shows which foot's that is.""",
-        list_simulated,
+        lambda chosen: list_seeds(
+            chosen,
+            {
+                f"{name}, {words} magnetometer": partial(measure_pair, name, words == "with")
+                for name in chosen.scenarios
+                for words in ("without", "with")
+            },
+        ),
         (
             Column("position (m)", "position (m)", "rms"),
             Column("heading (deg)", "heading (deg)", "rms"),
@@ -305,7 +283,6 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         (
             *(Column(f"{side} (m)", f"{side} (m)", "mean / worst") for side in SIDES),
             Column("person (m)", "person (m)", "mean", "{:.1f}"),
-            Column("cells", "cells", "sum", "{:.0f}"),
         ),
         [
             *(Asked(f"{side} (m)", "worst", high=0.03, section="feet_vicon") for side in SIDES),
@@ -320,7 +297,7 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         given, in the fields of their Table 1; `street`: lamps and parked cars in every block; `past-cars`: as in their
         Figures 7b and 10. Error of the z bias after so many seconds, deg/s; found: from when on it stays within 0.02
         deg/s for good.""",
-        list_biases,
+        lambda chosen: list_seeds(chosen, {name: partial(find_bias, name) for name in FIELDS}),
         (
             *(Column(f"{s} s", f"{s} s", "median / p95", "{:.4f}") for s in AFTER_S),
             Column("found (s)", "found (s)", pattern="{:.0f}"),
@@ -330,14 +307,10 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         [
             Asked(figure, "median", high=high, section=name, variant=variant)
             for name, found, yaw in (("equator", 60, 3), ("munich", 60, 3), ("street", 300, 6), ("past-cars", 300, 6))
-            for figure, variant, high in (
-                ("found (s)", "online", found),
-                ("yaw (deg)", "online", yaw),
-                ("yaw (deg)", "batch", yaw),
-            )
+            for figure, high, variants in (("found (s)", found, ["online"]), ("yaw (deg)", yaw, ["online", "batch"]))
+            for variant in variants
         ],
         seeds=20,
-        options={"noise": option(0.5, "of the magnetometer, uT a sample", metavar="UT")},
     ),
     "real-pockets": Experiment(
         """Phones in real trouser pockets beside GNSS: how far, which way, how near.

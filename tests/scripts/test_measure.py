@@ -155,16 +155,16 @@ def test_a_simulated_way_is_covered_by_its_sigmas():
 
 def test_spoiled_recordings_are_not_trusted():
     raw = accuracy.simulate_demo(301)
-    turned = accuracy.turn_gyr(np.eye(3)[[1, 0, 2]], raw)
+    spoiled = {kind: accuracy.spoil(kind, 1, lambda: raw) for kind in ("clipped", "20 Hz", "wrong axes", "loose")}
     judged = {
         name: accuracy.judge_walk("simulated", lambda some=some: some, ["smoother"])["smoother"]
-        for name, some in (("good", raw), ("axes", turned))
+        for name, some in (("good", raw), ("axes", spoiled["wrong axes"]))
     }
     assert judged["good"]["trusted"] == 1
     assert judged["axes"]["trusted"] == 0
-    assert len(accuracy.thin_out(raw).t) < len(raw.t) / 5
-    assert np.abs(accuracy.clip(raw).gyr).max() == pytest.approx(np.abs(raw.gyr).max() / 2)
-    assert np.isfinite(accuracy.loosen(1, raw).gyr).all()
+    assert len(spoiled["20 Hz"].t) < len(raw.t) / 5
+    assert np.abs(spoiled["clipped"].gyr).max() == pytest.approx(np.abs(raw.gyr).max() / 2)
+    assert np.isfinite(spoiled["loose"].gyr).all()
 
 
 def test_laps_wander_aside_by_what_they_say():
