@@ -29,7 +29,12 @@ exclude_patterns = ["_build", "examples", "results"]
 default_role = "code"  # what docstrings put in backticks
 html_theme = "furo"
 html_title = f"{project} {version}"
-html_theme_options = {"source_repository": REPOSITORY, "source_branch": "main", "source_directory": "docs/"}
+html_theme_options = {
+    **{"source_repository": REPOSITORY, "source_branch": "main", "source_directory": "docs/"},
+    "light_css_variables": {"color-brand-primary": "#1d5f99", "color-brand-content": "#1d5f99"},
+    "dark_css_variables": {"color-brand-primary": "#6cb2ee", "color-brand-content": "#6cb2ee"},
+}
+html_static_path, html_css_files = ["site.css"], ["site.css"]
 
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 4  # links to sections, as in the checkout

@@ -18,7 +18,7 @@ W' = W - W 1 1^T W / (1^T W 1), and on x = (b, h), about x0 = (b0, 0),
     cost(x) = 1/2 (x - x0)^T Lambda (x - x0) - eta^T (x - x0),     u = sum_t w_t (z_t - dR_t h0),  w = W 1 / (1^T W 1),
 
 h0 what is expected of h. What is known of h, mean and covariance, enters when it is eliminated. No pose is needed, and
-absolute heading is not observed (`docs/magnetic.md`).
+absolute heading is not observed (`docs/field.md`).
 
 With vectors v = eta + Lambda x0 the quadratics of several stretches add up whatever their b0. Errors that all of a kind
 have in common (soft iron, delay, gyroscope scale) do not average out. With a sigma s of those, in rad/s,

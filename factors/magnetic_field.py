@@ -78,7 +78,7 @@ s_k, u_k and w_k are all from one trajectory, and held while the attitude moves:
 What the path is false by enters with the deviation grad phi only, not with E. Over a leg of length L across the field a
 constant error of heading is seen with sqrt(2) sigma_phi / (|E_h| L), and along the field not to first order.
 
-Source: Ampere's law. That u wants no heading, and its use for one, is this project's; `docs/magnetic.md` names what is
+Source: Ampere's law. That u wants no heading, and its use for one, is this project's; `docs/field.md` names what is
 near to it, and where it fails.
 """
 

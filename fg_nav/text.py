@@ -6,6 +6,8 @@ import difflib
 import errno
 import json
 import math
+import re
+import tomllib
 import typing
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -13,9 +15,12 @@ from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from reprlib import repr as shorten
 from types import NoneType, UnionType
-from typing import Any, TypeAlias, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, cast
 
-from fg_nav.errors import EstimationError
+from fg_nav.errors import EstimationError, FormatError
+
+if TYPE_CHECKING:
+    from pydantic import ValidationError
 
 Scalar: TypeAlias = bool | int | float | str
 Value: TypeAlias = Scalar | list[Any] | None
@@ -162,6 +167,47 @@ def read_small(path: Path) -> bytes:
     if len(content) > MAX_BYTES:
         raise OSError(errno.EFBIG, f"it holds more than {MAX_BYTES >> 20} MiB", str(path))
     return content
+
+
+def parse_toml(content: bytes) -> dict[str, Any]:
+    """Return the tables of a TOML file; raises `FormatError` with the reason where it is none."""
+    try:
+        found = tomllib.loads(content.decode("utf-8-sig"))
+        json.dumps(found, default=str)  # what is too deep for this is too deep for all
+        return found
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise FormatError(f"it is no TOML: {error}.") from None
+    except (ValueError, RecursionError):  # Python reads so many digits only, and lists in so many lists
+        raise FormatError("it has a number too long or a list too deep to be read: correct it.") from None
+
+
+def describe_invalid(error: ValidationError, kind: object) -> str:
+    """One sentence on the first value that pydantic refused in a file or a dataclass: which key, and what to give.
+
+    `kind` is the model or dataclass of the whole, whose names are given for an unknown key.
+    """
+    first = error.errors()[0]
+    path = [str(part) for part in first["loc"]]
+    words = re.sub(r" or (an )?instance of \w+", "", first["msg"].replace("Input should be", "give"))
+    if first["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
+        *table, key = path
+        return (
+            f"{'.'.join(table) or 'the file'} has no parameter '{key}': it knows {', '.join(_list_keys(kind, table))}."
+        )
+    if first["type"] == "missing":
+        return f"{'.'.join(path)} is missing: give it."
+    return f"{'.'.join(path)} cannot be {shorten(first['input'])}: {words}." if path else f"{words}."
+
+
+def _list_keys(kind: object, table: Sequence[str]) -> list[str]:
+    """Return the names that a model or dataclass has, or the one in it that stands at this place."""
+    place = iter(table)
+    for part in place:
+        hint = typing.get_type_hints(kind)[part]
+        if typing.get_origin(hint) is dict:
+            next(place)  # a key of the user's own
+        kind = next(one for one in (hint, *typing.get_args(hint)) if is_dataclass(one) or hasattr(one, "model_fields"))
+    return list(typing.get_type_hints(kind))
 
 
 def find_version() -> str:

@@ -129,12 +129,12 @@ def make_results(chosen: argparse.Namespace) -> list[Result]:
     keys = simulated_keys(chosen.scenarios, chosen.fields, chosen.magnetometer, chosen.methods, seeds)
     keys += recorded_keys(named, "real", chosen.magnetometer, chosen.methods)
     folder = make_folder(chosen.out)
-    settings = {key: settings_of(key, recorded=key.group in REAL) for key in keys}
 
     def find_source(key: Key) -> Source:
         """Return a recorded walk, or one of a scenario."""
         return recorded.get((key.group, key.walk)) or find_simulated(key)
 
+    settings = {key: settings_of(key, find_source(key)) for key in keys}
     execute = partial(run_here, workers=chosen.jobs)
     with progress("methods on walks") as report:
         for done, total in make(settings, folder, execute, find_source, renew=chosen.renew):

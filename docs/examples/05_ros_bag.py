@@ -2,8 +2,8 @@
 A ROS bag
 =========
 
-Bags of ROS 1 and 2 with ``sensor_msgs/Imu`` are read without ROS: ``pip install 'fg-nav[ros]'``. This writes one, as
-a driver would, and reads it.
+Bags of ROS 1 and 2 with ``sensor_msgs/Imu`` are read without ROS: ``pip install 'fg-nav[ros]'``. This writes one as a
+driver would, reads it, and draws the path.
 """
 
 from pathlib import Path
@@ -34,4 +34,6 @@ with TemporaryDirectory() as place:
     recording = fg_nav.read(bag)
 
 print(recording.provenance.format, len(recording), "samples")
-print(fg_nav.navigate(recording, "inertial"))
+result = fg_nav.navigate(recording, "inertial")
+print(result)
+axes = result.plot()

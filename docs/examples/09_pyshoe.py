@@ -1,13 +1,17 @@
 """
-Two lines on PyShoe's data
-==========================
+PyShoe's motion-captured trials
+===============================
 
-The motion-captured trials of PyShoe (https://github.com/utiasSTARS/pyshoe) have their truth in the same file. They are
-not part of this project: put ``FG_NAV_DATA`` to where their folder ``vicon`` is.
+The trials of PyShoe (https://github.com/utiasSTARS/pyshoe) have their truth in the same file: put ``FG_NAV_DATA`` to
+where their folder ``vicon`` is. Without it the picture has the errors of all trials, as `scripts/measure.py` stored
+them.
 """
 
+import json
 import os
 from pathlib import Path
+
+import matplotlib.pyplot as plt
 
 import fg_nav
 
@@ -18,3 +22,17 @@ if trials:
     axes = result.plot()
 else:
     print("PyShoe's data are not at hand where this was built.")
+
+# %%
+# All trials with the stances of PyShoe's labels: each step of a line is one of them. Run it in ``docs/examples``.
+stored = json.loads(Path("../results/real-walks.json").read_text(encoding="utf-8"))
+fig, axes = plt.subplots()
+for name in ("inertial", "iez"):
+    rows = [row for row in stored["rows"] if (row["section"], row["variant"]) == ("vicon, labels", name)]
+    axes.step(sorted(row["rmse_2d_m"] for row in rows), range(1, len(rows) + 1), where="post", label=name)
+axes.set(
+    xlabel="rmse over the ground (m)",
+    ylabel="trials below",
+    title="{date}, commit {commit}".format(**stored["made"]["vicon, labels"]),
+)
+axes.legend()

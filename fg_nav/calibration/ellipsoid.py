@@ -47,7 +47,7 @@ larger, that of the means of the distances over `SECTORS` of heading:
 
     s^2 = max(sum r^2 / (F - 5), sum n_j mean_j(r)^2 / (sectors - 5)).
 
-Two sides (docs/magnetic.md). Circles to the left and to the right are fitted apart; half the difference D of their
+Two sides (docs/field.md). Circles to the left and to the right are fitted apart; half the difference D of their
 (o_x, o_y, eta, tau) is as uncertain as the ellipse of all, whose covariance P grows by max(1, D^T P^-1 D / 4). Circles
 that all turn one way do not show the floor: a note says so.
 """

@@ -23,7 +23,7 @@ d_ki         uT   field of the building there, nav: 6 to 13 uT per axis at a foo
 delay        s    of the readings behind the gyroscope
 ============ ==== ==================================================================================================
 
-At the footfalls alone h along the vertical cannot be separated from the vertical part of b (docs/magnetic.md).
+At the footfalls alone h along the vertical cannot be separated from the vertical part of b (docs/field.md).
 
 d of one stride is Gaussian with a covariance over its phases, one horizontal and one vertical, learned from the
 residuals. A stride as a whole is Student distributed. h, S, e, delta and the delay have Gaussian priors. The field

@@ -24,6 +24,7 @@ from fg_nav.text import (
     Changes,
     Value,
     change_parameters,
+    describe_invalid,
     explain_no_parameter,
     flatten,
     list_names,
@@ -97,9 +98,7 @@ def read_config(path: Path) -> Config:
     try:
         return Config.model_validate_json(read_small(path))
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"]))
-        what = f"{where}: {first['msg']}" if where else first["msg"]
+        what = describe_invalid(error, Config).removesuffix(".")
         words = f"{path} is no config.json of a result ({what}): give one as `fg-nav run` writes it."
     except OSError as error:
         words = f"{path} cannot be read ({describe_reason(error)}): give the config.json of a result."

@@ -11,23 +11,9 @@ For an honest claim nees_k is chi-square with 3 degrees of freedom, less what th
 vertical and the along-track error, but of the cross-track variance two thirds at the end of a straight walk with white
 steps. Errors of neighbouring stances are strongly correlated: judge the median over stances and over walks.
 
-Position and heading (`whiten_errors`). Where the estimator was given the true heading at its start nothing is fitted.
-With everything relative to the first footfall but the heading, which is absolute,
-
-    e_k = (p_k - p_0) - (q_k - q_0)  m, east, north, up;    psi_k  rad about up, estimate less truth.
-
-Errors are whitened by the claim, z = L^-1 e with P = L L^T, and an honest claim makes z standard normal:
-
-========== ======= =========================================================================================
-pose       4       position and heading together; only where the claim has their joint covariance
-ground     3       east, north and heading together; likewise
-position   3
-horizontal 2       east and north
-heading    1
-up         1
-========== ======= =========================================================================================
-
-|z_k|^2 is the NEES of footfall k, chi-square with n degrees of freedom.
+Where the estimator was given the true heading at its start (`whiten_errors`) nothing is fitted. The errors of places
+relative to the first footfall, over ground (m, east and north) and upward (m), and of the absolute heading (rad,
+estimate less truth) are whitened by the claim, z = L^-1 e with P = L L^T: an honest claim makes z standard normal.
 
 Reference: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation (2001), 5.4.
 """
@@ -52,12 +38,7 @@ TRUTH_SIGMA_M = 0.001  # Motion capture of a marker on a shoe: about a millimetr
 _YAW_STEPS = 10  # Gauss-Newton on one angle has converged long before.
 
 PLACES = (0.25, 0.5, 0.75, 1.0)  # Judged footfalls, as shares of the walk.
-JOINT = ("pose", "ground")  # Parts that need the covariance of position with heading.
-
-_ROWS = {
-    "pose": [0, 1, 2, 3], "ground": [0, 1, 3], "position": [0, 1, 2], "horizontal": [0, 1], "heading": [3], "up": [2],
-}  # fmt: skip
-PARTS: Mapping[str, int] = {part: len(rows) for part, rows in _ROWS.items()}  # Degrees of freedom.
+PARTS: Mapping[str, list[int]] = {"horizontal": [0, 1], "up": [2], "heading": [3]}  # Rows of position and yaw.
 
 
 @dataclass(frozen=True)
@@ -123,11 +104,8 @@ def whiten_errors(
         raise EvaluationError("the truth has no attitude at some footfalls, so their heading errors are not known.")
     chosen = np.unique(np.round(np.array(places) * (len(found.row) - 1)).astype(int))
     error = np.column_stack([found.error - found.error[0], found.yaw_error])[chosen]
-    covariance, joint = stances.position_yaw_cov[found.row[chosen]], stances.pose_cov is not None
-    whitened = {}
-    for part, rows in _ROWS.items():
-        if part in JOINT and not joint:
-            continue
+    covariance, whitened = stances.position_yaw_cov[found.row[chosen]], {}
+    for part, rows in PARTS.items():
         try:
             lower = np.linalg.cholesky(covariance[:, rows][:, :, rows])
         except np.linalg.LinAlgError:

@@ -55,9 +55,8 @@ MAP_TITLE = "Where each detector takes the field for quasi-static, and at what s
 
 def plot_simulated_walk(walk: SimulatedWalk) -> Figure:
     """Draw the true path, the field on it, and the landmarks."""
-    truth = walk.recording.truth
-    assert isinstance(truth, TrajectoryTruth)
-    path = truth.position[charts.spread_rows(len(truth.position), MAX_PIECES)]
+    position = walk.truth.position
+    path = position[charts.spread_rows(len(position), MAX_PIECES)]
     strength = np.linalg.norm(walk.field.at(path + walk.origin), axis=1)
     low, high = path[:, :2].min(axis=0), path[:, :2].max(axis=0)
     margin = 0.06 * max(*(high - low).tolist(), 0.5)
@@ -260,17 +259,16 @@ def plot_field_map(survey: FieldSurvey, view: AlignedSolution) -> Figure:
 
 def plot_samples(survey: SampleSurvey) -> Figure:
     """Draw strength, statistic and verdicts over time."""
-    verdicts = survey.verdicts
-    limits = [float(end) for end in np.log10(find_log_limits(verdicts.statistic))]
+    limits = [float(end) for end in np.log10(find_log_limits(survey.statistic))]
     statistic = [
-        signal(survey.t, verdicts.statistic, BLUE, "statistic", width=1),
+        signal(survey.t, survey.statistic, BLUE, "statistic", width=1),
         level(survey.t, 1.0, charts.VERMILION, "threshold: below it the field passes"),
     ]
     strength = signal(survey.t, survey.strength, BLUE, "strength", width=1)
     panels = [
         Panel("strength (uT)", [strength], {"range": find_range(survey.strength, MIN_SPAN_UT)}),
         Panel("statistic / threshold", statistic, {"type": "log", "range": limits}),
-        _draw_lanes(survey.t, {SAMPLEWISE: verdicts}),
+        _draw_lanes(survey.t, {SAMPLEWISE: survey}),
     ]
     caption = (
         f"Strength of the field at every sample, its scatter over the {WINDOW_S:g} s before, and the verdicts with the "

@@ -44,7 +44,7 @@ import numpy as np
 from scipy.special import chndtrix
 
 from fg_nav.arrays import Floats, find_runs
-from fg_nav.errors import EvaluationError, MagneticError
+from fg_nav.errors import MagneticError
 from fg_nav.frames import average_angles, wrap_angle
 from fg_nav.magnetic import FieldVerdicts, FootfallField
 from fg_nav.magnetic.detectors import (
@@ -190,34 +190,6 @@ def measure_coverage(field: FootfallField, name: str, verdicts: FieldVerdicts) -
     return Coverage(name, len(field), int(verdicts.judged.sum()), int(accepted.sum()), longest, *medians)
 
 
-@dataclass(frozen=True)
-class SampleSurvey:
-    """The field at every sample, and the detector's verdicts."""
-
-    t: Floats  # (N,) s.
-    strength: Floats  # (N,) uT; NaN where it was not measured.
-    verdicts: OverThreshold  # Of N samples.
-
-    @property
-    def share(self) -> float:
-        """Samples that pass, of those that were judged."""
-        judged = int(self.verdicts.judged.sum())
-        return float(self.verdicts.quasi_static.sum()) / judged if judged else 0.0
-
-    @property
-    def longest_s(self) -> float:
-        """Time of the longest stretch that passes."""
-        first, after = find_runs(self.verdicts.quasi_static)
-        return float(np.max(self.t[after - 1] - self.t[first], initial=0.0))
-
-
-def survey_samples(recording: Recording) -> SampleSurvey:
-    """Judge every sample; raises `MagneticError` without a field, or with too few samples of it."""
-    verdicts = judge_samples(recording)
-    assert recording.mag is not None  # or it is refused above
-    return SampleSurvey(recording.t, np.linalg.norm(recording.mag, axis=1), verdicts)
-
-
 # --- at every sample --------------------------------------------------------------------------------------------------
 
 WINDOW_S = 1.0  # Of samples: a walker passes a lamp or a car in one to three seconds.
@@ -232,10 +204,24 @@ SETTINGS: Mapping[str, float] = MappingProxyType(
 
 
 @dataclass(frozen=True)
-class Disturbance(OverThreshold):
-    """Verdicts on each of N samples."""
+class SampleSurvey(OverThreshold):
+    """The field at every sample, and the detector's verdicts."""
 
-    statistic: Floats
+    t: Floats  # (N,) s.
+    strength: Floats  # (N,) uT; NaN where it was not measured.
+    statistic: Floats  # (N,), over its threshold.
+
+    @property
+    def share(self) -> float:
+        """Samples that pass, of those that were judged."""
+        judged = int(self.judged.sum())
+        return float(self.quasi_static.sum()) / judged if judged else 0.0
+
+    @property
+    def longest_s(self) -> float:
+        """Time of the longest stretch that passes."""
+        first, after = find_runs(self.quasi_static)
+        return float(np.max(self.t[after - 1] - self.t[first], initial=0.0))
 
 
 def find_sample_threshold(count: int) -> float:
@@ -244,7 +230,7 @@ def find_sample_threshold(count: int) -> float:
     return float(chndtrix(FALSE_ALARM_RATE, count - 1, noncentrality))
 
 
-def judge_samples(recording: Recording) -> Disturbance:
+def judge_samples(recording: Recording) -> SampleSurvey:
     """Judge the field at each sample by the window that ends there; NaN where that has too few of the field.
 
     Raises `MagneticError` without a magnetometer, or if no window has enough samples of the field.
@@ -267,7 +253,7 @@ def judge_samples(recording: Recording) -> Disturbance:
     threshold = np.full(count.max() + 1, np.nan)
     for n in np.unique(count[count >= MIN_SAMPLES]):
         threshold[n] = find_sample_threshold(int(n))
-    return Disturbance(scatter / SIGMA_UT**2 / threshold[count])
+    return SampleSurvey(t, strength, scatter / SIGMA_UT**2 / threshold[count])
 
 
 # --- what is true ----------------------------------------------------------------------------------------------------
@@ -276,10 +262,8 @@ def judge_samples(recording: Recording) -> Disturbance:
 def measure_field_change(nav_field: Floats, window: int) -> Floats:
     """Largest change (F,) uT of the true field's vector over the window of each stance; NaN before a whole window.
 
-    `nav_field` (F, 3) uT is true, in nav, at the footfalls; `window` is N, the steps in it. Raises `EvaluationError`
-    for a window of no step, or a walk that is shorter than one window.
+    `nav_field` (F, 3) uT is true, in nav, at the footfalls; `window` is N, the steps in it.
     """
-    _check_window(nav_field, window)
     return _find_largest(nav_field, window, lambda a, b: np.linalg.norm(a - b, axis=1))
 
 
@@ -294,20 +278,11 @@ def measure_compass_deviation(nav_field: Floats, earth_field: Floats) -> Floats:
 def measure_course_change(position: Floats, window: int) -> Floats:
     """Largest difference (F,) rad between the directions of any two of a window's N steps; NaN before the first.
 
-    `position` (F, 3) m, true, at the footfalls. Raises `EvaluationError` as `measure_field_change`.
+    `position` (F, 3) m, true, at the footfalls.
     """
-    _check_window(position, window)
     course = _bearing(np.diff(position, axis=0))
     change = _find_largest(course, window - 1, lambda a, b: np.abs(wrap_angle(a - b)))
     return np.concatenate([[np.nan], change])
-
-
-def _check_window(of_stances: Floats, window: int) -> None:
-    if window < 1 or len(of_stances) <= window:
-        raise EvaluationError(
-            f"a window of {window} steps cannot be laid over {len(of_stances)} stances: "
-            f"it needs one step, and {window + 1} stances."
-        )
 
 
 def _bearing(vector: Floats) -> Floats:
@@ -318,7 +293,6 @@ def _bearing(vector: Floats) -> Floats:
 def _find_largest(values: Floats, window: int, distance: Callable[[Floats, Floats], Floats]) -> Floats:
     """Largest distance (F,) between any two of the `window` + 1 values up to each; NaN before."""
     count = len(values) - window
-    largest = np.zeros(count)
-    for a, b in combinations([values[lag : lag + count] for lag in range(window + 1)], 2):
-        largest = np.maximum(largest, distance(a, b))
+    parts = [values[lag : lag + count] for lag in range(window + 1)]
+    largest = np.max([distance(a, b) for a, b in combinations(parts, 2)], axis=0)
     return np.concatenate([np.full(window, np.nan), largest])

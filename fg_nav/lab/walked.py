@@ -37,13 +37,13 @@ Ma et al. (2018, Figures 15 and 16) passed 14 landmarks three times each, and co
 crossings. With landmark l passed at t_l in q_l, and R and s the alignment of the footfalls, not one of the landmarks,
 
     e_l = | R p(t_l) + s - q_l |                                    over the ground
-    reduction = 100 (1 - mean e / mean e of the reference)          percent.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -53,6 +53,9 @@ from fg_nav.evaluation.comparison import Alignment, Comparison, compare_at_footf
 from fg_nav.frames import wrap_angle
 from fg_nav.solution import Solution
 from fg_nav.truth import Truth
+
+if TYPE_CHECKING:
+    from fg_nav.lab.simulation import Passing
 
 AS_STARTED, BEST_YAW = "origin", "yaw"  # The two alignments of use.
 CLOSURE = "closure"  # In place of an alignment: there was no truth.
@@ -124,39 +127,22 @@ def path_length_m(position: Floats) -> float:
     return float(np.linalg.norm(np.diff(position, axis=0), axis=1).sum())
 
 
-@dataclass(frozen=True)
-class LandmarkErrors:
-    """Error (L,) m over the ground at each crossing, in the order of the walk, and the landmark crossed."""
+def measure_landmarks(solution: Solution, crossings: Sequence[Passing], alignment: Alignment) -> Floats:
+    """Error (L,) m over the ground at each crossing of a landmark; the alignment lays the solution on the truth.
 
-    landmark: tuple[str, ...]
-    error_m: Floats
-
-
-def measure_landmarks(
-    solution: Solution, landmark: Sequence[str], time_s: Floats, position: Floats, alignment: Alignment
-) -> LandmarkErrors:
-    """Measure a solution where it crosses landmarks.
-
-    The L crossings have the landmark's name, their time (L,) s on the solution's clock, and the sensor's true position
-    (L, 3) m, or (L, 2); the alignment lays the solution on the truth. Raises `EvaluationError` without a crossing, or
-    where one is not within the time of the solution.
+    Times are on the solution's clock. Raises `EvaluationError` without a crossing, or where one is not within the time
+    of the solution.
     """
-    if len(landmark) == 0:
+    if not crossings:
         raise EvaluationError("the walk crosses no landmark: there is no error to count at one.")
+    time_s, position = (np.array([getattr(one, what) for one in crossings]) for what in ("time_s", "position"))
     outside = np.flatnonzero((time_s < solution.t[0]) | (time_s > solution.t[-1]))
     if len(outside):
         first = outside[0]
         raise EvaluationError(
-            f"landmark {landmark[first]} is crossed at {time_s[first]:.3f} s, and the solution goes from "
+            f"landmark {crossings[first].landmark} is crossed at {time_s[first]:.3f} s, and the solution goes from "
             f"{solution.t[0]:.3f} to {solution.t[-1]:.3f} s: check that their clocks have the same zero."
         )
     crossing = interpolate_columns(time_s, solution.t, solution.position)
     error = alignment.apply(crossing)[:, :2] - position[:, :2]
-    return LandmarkErrors(tuple(landmark), np.asarray(np.linalg.norm(error, axis=1)))
-
-
-def error_reduction_percent(error_m: float, reference_m: float) -> float:
-    """Positioning error reduction, percent of the reference's error; negative where the error is larger."""
-    if not reference_m > 0.0:
-        raise EvaluationError(f"a reference with an error of {reference_m} m cannot be improved on: take another.")
-    return 100.0 * (1.0 - error_m / reference_m)
+    return np.asarray(np.linalg.norm(error, axis=1))

@@ -16,7 +16,7 @@ In a field that does not change along the path of one swing, dm/dt = -w x m, or 
     r(tau, h, A) = dR(tau) m_2 - m_1 = 0.
 
 The building's field changes by some uT in a swing, which turns the reading by 50: r is small only for the right tau and
-P. No stances, attitude or gyroscope bias are needed (docs/magnetic.md).
+P. No stances, attitude or gyroscope bias are needed (docs/field.md).
 
 Pseudo-Huber loss with the median of |r| as its scale s:
 
@@ -40,7 +40,7 @@ residual is linear,
 
     r = dR P y_2 - P y_1 - (dR - I) h',
 
-and h' is solved for each P with robust weights. docs/magnetic.md has by which loss another P than the identity is
+and h' is solved for each P with robust weights. docs/field.md has by which loss another P than the identity is
 accepted (`MIN_RATIO`, `MIN_SIGMAS`), each with its own estimate of the delay, and how P is told from -P.
 """
 

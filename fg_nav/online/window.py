@@ -12,7 +12,7 @@ their columns, the covariance Y^T Y = T^T T by QR of Y, and
 
 the square root of their information. As one factor, the marginal prior, it stands for the whole past in the graph of
 the strides that follow (concurrent filtering and smoothing: Williams et al. 2014, IJRR 33, 1544). Nothing is lost but
-the choice to linearize the past again. What makes iSAM2 quick and exact (measured in docs/online.md):
+the choice to linearize the past again. What makes iSAM2 quick and exact (table in docs/online.md):
 
 * Relinearization by attitude, bias and field. Position and velocity enter linearly once they are in the body's axes; a
   heading that moved by a does not, and an old linearization costs a^2/2 of each stride. Variables are checked from the

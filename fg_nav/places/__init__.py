@@ -1,6 +1,6 @@
 """The same place again: stretches of a walk that are recognized by the magnetic field along them.
 
-The steps (docs/magnetic.md): `signature`, the field along the path by distance, and the part of it that repeats;
+The steps (docs/field.md): `signature`, the field along the path by distance, and the part of it that repeats;
 `candidates`, pairs of stretches within the path's own uncertainty; `alignment`, the best local alignments among these,
 and how many as good chance makes; `recognition`, all of that, and which stretches agree. Of a later walk `overlay` lays
 whole pieces on an earlier one, whose places are `saved` in a file, and `location` finds where it is on them.

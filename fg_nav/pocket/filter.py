@@ -72,7 +72,7 @@ Along m' H is zero, for no rotation changes a strength; and N is 2 s_m^2 + q |m'
 u, v and m' / |m'| a right-handed set, |m'| v^T S and -|m'| u^T S about u and v. The noise of each field enters two
 differences, once with either sign; the filter takes them as independent, as MD does.
 
-Misprints: docs/pocket.md. Munoz Diaz, de Ponte Mueller, Garcia Dominguez (2017), "Use of the Magnetic Field for
+Misprints: docs/equations.md. Munoz Diaz, de Ponte Mueller, Garcia Dominguez (2017), "Use of the Magnetic Field for
 Improving Gyroscopes' Biases Estimation", Sensors 17(4) 832.
 """
 

@@ -19,7 +19,7 @@ backward passes on a grid give p(phi_k | all psi) and the likelihood (hidden Mar
 some b; with the likeliest, s and P are estimated by expectation maximization. The path is turned by phi_0 - phi_k, to
 start from.
 
-Places (`docs/magnetic.md`). How far a place may be from where it seems, relative to an earlier one, follows from the
+Places (`docs/field.md`). How far a place may be from where it seems, relative to an earlier one, follows from the
 graph before it is closed: with the covariance of each footfall and with that of each of some `ANCHORS`,
 
     var(p_k - p_a) = P_kk + P_aa - P_ka - P_ak.

@@ -13,7 +13,7 @@ follows what it shows of the gyro bias (`factors.differential_field`), with what
                  that are r apart, less sigma_n^2; median for mean; fitted by sigma^2 (1 - exp(-(r / l)^a))
 
 The stretches of a bias variable are added, and limited by what is common to all stances and to all standings
-(`docs/magnetic.md`). A variable that contradicts gravity about the level axes is weakened (`LevelBias`).
+(`docs/field.md`). A variable that contradicts gravity about the level axes is weakened (`LevelBias`).
 """
 
 from __future__ import annotations

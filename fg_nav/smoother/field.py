@@ -10,7 +10,7 @@
         evidence       -> noise of the line integrals
         walk and field -> solution, again without the line integrals across jumps of the potential
 
-What deviates alike for metres and in whole regions are states (`field_factors`); `docs/magnetic.md` has the reasons.
+What deviates alike for metres and in whole regions are states (`field_factors`); `docs/field.md` has the reasons.
 
 Drift. The residual of a compass has a second zero half a turn away, so a heading that drifted far is bent back to start
 from. With z_k the field over ground at footfall k as the drifting heading has it, a complex number, and t_k the time,

@@ -21,7 +21,7 @@ corridor or a wing does, for tens of them. Along the path, with s_kj the way bet
 
     cov(e_k, e_j) = white^2 [k = j] + across^2 exp(-s_kj / length) + regional^2 exp(-s_kj / 60 m).
 
-fitted to the walk's own covariances of the deviation along the mean field (`docs/magnetic.md`). The potential, of
+fitted to the walk's own covariances of the deviation along the mean field (`docs/field.md`). The potential, of
 `POTENTIAL_PER_FIELD_M` times the spread, has no white part,
 
     x_k = a_k x_{k-1} + w_k,    a_k = exp(-distance_k / length),    sd(w_k) = sigma sqrt(1 - a_k^2).

@@ -10,7 +10,7 @@ from fg_nav.frames import GRAVITY_M_S2
 
 @dataclass(frozen=True)
 class FieldParameters:
-    """Defaults for a magnetometer on a shoe; `docs/magnetic.md` says how each was chosen."""
+    """Defaults for a magnetometer on a shoe; `docs/field.md` says how each was chosen."""
 
     compass: bool = True  #: Use the direction of the field at each footfall.
     potential: bool = True  #: Use the line integral of the field over the strides.

@@ -22,7 +22,7 @@ import threading
 import weakref
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import cache, partial
 from multiprocessing import get_context, parent_process, resource_tracker
 from multiprocessing.process import BaseProcess
@@ -64,7 +64,6 @@ class Worker:
         self._set_up = partial(_begin_worker, set_up, *arguments)
         self._pool: ProcessPoolExecutor | None = None
         self._processes: dict[int, BaseProcess] = {}
-        self._calls: Any = None  # The reading end of their pipe.
 
     @property
     def pid(self) -> int | None:
@@ -78,23 +77,22 @@ class Worker:
         with _shield_children():
             self._pool = ProcessPoolExecutor(1, get_context("spawn"), self._set_up)
             future = self._pool.submit(function, *arguments)
+        # The process alone reads the pipe of its calls: once it has died, a thread that writes one fails, and is not
+        # stuck. Closed later, in two threads at once, the descriptor might be that of another file already.
+        vars(self._pool)["_call_queue"]._reader.close()
         # An interpreter that ends waits for its pools, before `atexit`, and they for a process that may be stuck.
-        self._processes, self._calls = dict(self._pool._processes), vars(self._pool)["_call_queue"]._reader
-        vars(threading)["_register_atexit"](weakref.finalize(self, _kill, self._processes, self._calls))
+        self._processes = dict(self._pool._processes)
+        vars(threading)["_register_atexit"](weakref.finalize(self, _kill, self._processes))
         return future
 
     def kill(self) -> None:
         """Kill the process, if there is one."""
-        _kill(self._processes, self._calls)
+        _kill(self._processes)
 
 
-def _kill(processes: Mapping[int, BaseProcess], calls: Any) -> None:
-    """Kill processes, and close this end of their calls: a thread that writes a long one would wait for a reader."""
+def _kill(processes: Mapping[int, BaseProcess]) -> None:
     for process in processes.values():
         process.kill()
-    if processes:
-        with suppress(OSError):
-            calls.close()
 
 
 @contextmanager

@@ -157,11 +157,8 @@ def measure_errors(walk: SimulatedWalk, smoothed: SmoothedWalk, laps: int, given
         apart = np.linalg.norm(place[later] - place[table.same_place[later]], axis=1)
         found |= {"ties": len(later), "false": int(np.sum(apart > FALSE_M))}
     if walk.landmarks:
-        names, times, places = zip(*((p.landmark, p.time_s, p.position) for p in walk.landmarks), strict=True)
-        at = measure_landmarks(
-            smoothed.solution, names, np.array(times), np.array(places), align(table.position, place, "yaw")
-        )
-        found |= {"landmarks, mean": float(at.error_m.mean()), "landmarks, most": float(at.error_m.max())}
+        at = measure_landmarks(smoothed.solution, walk.landmarks, align(table.position, place, "yaw"))
+        found |= {"landmarks, mean": float(at.mean()), "landmarks, most": float(at.max())}
     return found
 
 

@@ -85,6 +85,10 @@ def test_the_gyroscopes_bias_is_that_of_the_rests():
         errors.append((found.bias - GYR_BIAS) / found.sigma)
     assert found.rests == 3
     assert np.sqrt(np.mean(np.square(errors))) < 1.0
+    # rests that differ by more than their sigmas, as those of a bias that moves, widen that of their mean
+    one, off = lying(FACES[:3], 1), np.radians(0.05)
+    moved = calibrate_gyroscope(replace(one, gyr=one.gyr + off * (one.t > 9.5)[:, None]))
+    assert moved.sigma.mean() == pytest.approx(off / 3.0, rel=0.05)  # standard error of the mean of 0, 0 and 1
     assert np.degrees(found.sigma).max() < 0.05
     exact = calibrate_gyroscope(lying(FACES[:1], 2, seconds=60.0))
     assert np.degrees(exact.sigma).max() < 0.03

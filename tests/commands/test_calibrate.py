@@ -174,6 +174,9 @@ def test_a_still_sensor_shows_the_bias_that_a_walk_begins_with(fg_nav: FgNav, se
     known = read_calibration(Path("cal.json"))
     assert known.magnetometer is None
     prior = known.gyroscope.prior
+    shown = [line.split()[-2:] for line in ran.out.splitlines() if "gyro bias" in line]
+    expected = np.degrees([known.gyroscope.bias, known.gyroscope.sigma]).T
+    np.testing.assert_allclose(np.array(shown, dtype=float), expected, atol=6e-4)
     assert fg_nav("calibrate", sensor / "still.csv", "--out", "mag.json", "--method", "walk").code == 1
     given = [f"smoother.{name}={json.dumps(value)}" for name, value in prior.items()]
     for method in ("inertial", "online"):

@@ -60,6 +60,8 @@ def test_several_recordings_are_one_table_and_a_bad_one_stops_no_other(fg_nav: F
     assert names(Path("out")) == {"walk-iez", "walk-2-iez"}
     assert ran.err.startswith("fg-nav: 1 of 3 recordings failed. broken.csv")
     assert [line.split()[0] for line in ran.out.splitlines()] == ["recording", str(walk), "broken.csv", "walk.csv"]
+    assert fg_nav("run", "missing.csv", walk, "--method", "iez", "--plots", "none", "--out", "more").code == 1
+    assert names(Path("more")) == {"walk-iez"}
     ran = fg_nav("inspect", *files, "--json")
     assert ran.code == 1
     found = json.loads(ran.out)

@@ -19,7 +19,8 @@ from fg_nav.online.sources import SampleSource
 from fg_nav.view.outlets import Outlets
 from tests.command_line import names
 from tests.commands.folders import summary
-from tests.online.feet_walks import demo_feet, heads_known
+from tests.feet.walks import demo_feet
+from tests.online.feet_walks import heads_known
 
 
 @pytest.mark.usefixtures("solved_here")

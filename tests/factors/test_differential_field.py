@@ -2,13 +2,10 @@
 
 from dataclasses import replace
 
-import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import B
 from scipy.spatial.transform import Rotation
 
-from fg_nav.factors import DifferentialField, ResidualBlock, factor_of, linear_factor_of
 from fg_nav.factors.differential_field import (
     BiasInformation,
     FieldNoise,
@@ -18,31 +15,29 @@ from fg_nav.factors.differential_field import (
     Variogram,
     measure_bias,
 )
-from fg_nav.factors.residual import Array, one_of
+from fg_nav.factors.residual import Array
 from fg_nav.factors.rotation import relative_rotations
-from tests.linear import linear_factors
 
-RATE_HZ, SAMPLES = 100.0, 50
+RATE_HZ, SAMPLES, STRETCHES = 100.0, 50, 40
 EARTH = np.array([5.0, 20.0, -43.0])
 BIAS = np.radians([0.4, -0.3, 0.6])
 NO_IRON = Iron.unknown(1e-3)
 NOISE = FieldNoise(Variogram(1e-6, 1.0, 1.0), 0.3, NO_IRON)  # White, and nothing else.
 
 
-def rocking(seed: int, stretches: int = 40, amplitude_rad_s: float = 0.15) -> tuple[Array, Array]:
+def rocking(seed: int, amplitude_rad_s: float = 0.15) -> tuple[Array, Array]:
     """True rates (T, 3) rad/s of a foot that rocks about all its axes, and the stretch (T,) of each sample."""
     rng = np.random.default_rng(seed)
     t = np.arange(SAMPLES) / RATE_HZ
-    phase, cycles = rng.uniform(0.0, 2.0 * np.pi, (2, stretches, 3, 1))
+    phase, cycles = rng.uniform(0.0, 2.0 * np.pi, (2, STRETCHES, 3, 1))
     rate = amplitude_rad_s * np.sin(2.0 * np.pi * (0.5 + 0.3 * cycles) * t + phase)
-    return np.swapaxes(rate, 1, 2).reshape(-1, 3), np.repeat(np.arange(stretches), SAMPLES)
+    return np.swapaxes(rate, 1, 2).reshape(-1, 3), np.repeat(np.arange(STRETCHES), SAMPLES)
 
 
 def measured(
     seed: int,
     white_uT: float = 0.3,
-    field: Array = EARTH,
-    drift: Array | None = None,
+    drift: Array = np.zeros(3),
     iron: Array = np.zeros(3),
     bias: Array = BIAS,
     about: Array = np.zeros(3),
@@ -54,7 +49,7 @@ def measured(
     period = np.full(len(rate), 1.0 / RATE_HZ)
     true, _ = relative_rotations(rate, period, stretch, np.zeros(3))
     nav_R_first = Rotation.random(stretch[-1] + 1, rng=rng).as_matrix()
-    there = field + (np.zeros((len(rate), 3)) if drift is None else drift)
+    there = np.broadcast_to(EARTH + drift, (len(rate), 3))
     y = np.einsum("tji,tj->ti", nav_R_first[stretch] @ true, there) + iron + rng.normal(0.0, white_uT, (len(rate), 3))
     about = np.broadcast_to(about, (stretch[-1] + 1, 3))
     rotation, jacobian = relative_rotations(rate + bias, period, stretch, np.ascontiguousarray(about))
@@ -99,25 +94,6 @@ def test_no_information_about_the_field_itself() -> None:
     assert (values[:, 0] < 1e-9 * values[:, -1]).all()
 
 
-def test_turned_body_axes_turn_the_bias() -> None:
-    here = measured(3)
-    turn = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
-    there = replace(
-        here,
-        body_field=here.body_field @ turn.T,
-        rotation=turn @ here.rotation @ turn.T,
-        bias_jacobian=turn @ here.bias_jacobian @ turn.T,
-        position=here.position @ turn.T,
-        gyro_bias=here.gyro_bias @ turn.T,
-    )
-    noise = replace(NOISE, iron=Iron.unknown(1.0))
-    one, other = (measure_bias(some, noise, 64) for some in (here, there))
-    both = np.kron(np.eye(2), turn)
-    np.testing.assert_allclose(other.information.matrix, both @ one.information.matrix @ both.T, rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(other.information.vector, one.information.vector @ both.T, rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(other.chi_square, one.chi_square, rtol=1e-6)
-
-
 def test_it_does_not_matter_where_it_is_linearized() -> None:
     here, there = (measure_bias(measured(5, about=about), NOISE, 64) for about in (np.zeros(3), BIAS * 0.5))
     bias, covariance = total(here)
@@ -152,11 +128,10 @@ def test_a_field_that_drifts_is_not_taken_for_a_bias() -> None:
     assert np.mean(white) > 10.0
 
 
-@pytest.mark.parametrize("iron_uT", [5.0, 20.0])
-def test_iron_on_the_body_is_not_taken_for_a_bias(iron_uT: float) -> None:
+def test_iron_on_the_body_is_not_taken_for_a_bias() -> None:
     squares, ignored, of_iron, ratio = [], [], [], []
     for seed in range(40):
-        iron = np.random.default_rng(seed).normal(0.0, iron_uT, 3)
+        iron = np.random.default_rng(seed).normal(0.0, 20.0, 3)
         seen = measured(seed, iron=iron, amplitude_rad_s=0.4)
         found = find_walk_iron(seen)
         off = found.mean_uT - iron
@@ -185,10 +160,10 @@ def find_walk_iron(seen: FieldStretches) -> Iron:
 # ------------------------------------------------------------------------------------------------------- information
 
 
-def random_information(seed: int, count: int = 5) -> BiasInformation:
+def random_information(seed: int) -> BiasInformation:
     rng = np.random.default_rng(seed)
-    root = rng.normal(size=(count, 3, 3)) * 1e3
-    return BiasInformation(np.swapaxes(root, 1, 2) @ root, rng.normal(size=(count, 3)) * 1e4)
+    root = rng.normal(size=(5, 3, 3)) * 1e3
+    return BiasInformation(np.swapaxes(root, 1, 2) @ root, rng.normal(size=(5, 3)) * 1e4)
 
 
 def test_a_common_error_limits_what_is_known_and_keeps_the_mean() -> None:
@@ -208,26 +183,3 @@ def test_the_residual_has_the_information() -> None:
     root, target = residual.root, residual.target
     np.testing.assert_allclose(np.swapaxes(root, 1, 2) @ root, one.matrix, rtol=1e-9)
     np.testing.assert_allclose((np.swapaxes(root, 1, 2) @ target[..., None])[..., 0], one.vector, rtol=1e-9)
-
-
-def test_its_jacobian_is_the_derivative() -> None:
-    residual = random_information(2).residual()
-    bias = np.random.default_rng(0).normal(size=(5, 6)) * 0.01
-    _, (H,) = residual.evaluate([bias], True)
-    step = 1e-4
-    for column in range(6):
-        change = step * np.eye(6)[column]
-        ahead, behind = (residual.evaluate([bias + sign * change], False)[0] for sign in (1.0, -1.0))
-        np.testing.assert_allclose(H[..., column], (ahead - behind) / (2.0 * step), atol=1e-6 * np.abs(H).max())
-
-
-def test_block_custom_and_native_factor_are_one() -> None:
-    residual: DifferentialField = random_information(3).residual()
-    values = gtsam.Values()
-    for k in range(5):
-        values.insert(B(k), gtsam.imuBias.ConstantBias(np.full(3, 0.1), np.array([0.01, -0.02, 0.03]) * k))
-    block = ResidualBlock(residual, [(B(k),) for k in range(5)])
-    for k, linear in enumerate(linear_factors(block, values)):
-        for factor in (factor_of(one_of(residual, k), [B(k)]), linear_factor_of(one_of(residual, k), [B(k)])):
-            np.testing.assert_allclose(factor.linearize(values).information(), linear.information(), rtol=1e-9)
-            assert factor.error(values) == pytest.approx(0.5 * float((block.evaluate(values)[0][k] ** 2).sum()))

@@ -18,15 +18,18 @@ from fg_nav.factors import (
     ResidualBlock,
     StanceVelocity,
     factor_of,
+    guarded_factor,
     linear_factor_of,
     residual,
 )
-from fg_nav.factors.magnetic_field import SIZE
+from fg_nav.factors.differential_field import DifferentialField
+from fg_nav.factors.magnetic_field import E_H, SIZE
 from fg_nav.factors.residual import one_of
 from fg_nav.factors.same_place import BesideEachOther, SamePlace, WithinReach
 from fg_nav.factors.walk_constraints import UnseenWalk
 from fg_nav.factors.zero_velocity import ZeroRate
-from tests.factors.derivatives import assert_jacobians_are_derivatives, jacobians, moved
+from fg_nav.frames import yaw_rotation
+from tests.factors.variables import assert_jacobians_are_derivatives, jacobians, moved, values_of
 from tests.linear import linear_factors
 
 COUNT = 5
@@ -64,6 +67,7 @@ def random_blocks(seed):
         ("xx", WithinReach(np.full(COUNT, 1.5), sigma[:, 0])),
         ("xx", UnseenWalk(sigma[:, :3], 0.5 * sigma[:, 0], sigma[:, 4], sigma[:, 5])),
         ("b", ZeroRate(three(), rng.standard_normal((COUNT, 3, 3)))),
+        ("b", DifferentialField(rng.standard_normal((COUNT, 3, 3)), three())),
     ]
     letter = {"a": A, "b": B, "x": X, "v": V, "s": S, "m": M, "p": P, "z": Z}
     blocks = {}
@@ -112,46 +116,34 @@ def test_a_robust_loss_has_the_slope_that_its_rows_say(name, seed):
                 assert (ahead - behind) / 2e-5 == pytest.approx(by_key[:, i] @ e, abs=1e-5, rel=1e-5)
 
 
-def turned_from_level(values, factor, block, k):
-    """Jacobian by the pose, and up in its tangent space, at the tilt that levels the field and another heading."""
-    pose_key, R = factor.keys()[0], block.residuals.nav_R_level[k]
-    turned = gtsam.Rot3.Rz(0.7 * k).matrix() @ R
-    values.update(pose_key, gtsam.Pose3(gtsam.Rot3(turned), values.atPose3(pose_key).translation()))
-    by_pose = jacobians(factor, values)[pose_key][0]
-    return by_pose, np.concatenate([turned[2], np.zeros(3)])
-
-
 def test_at_the_tilt_that_levels_the_compass_knows_a_turn_about_up_alone():
     """Whatever the heading has become since: the Jacobian by the pose has nothing of tilt and place."""
     blocks, values = random_blocks(4)
     block = blocks["magnetic heading"]
     for k, factor in enumerate(block.factors()):
-        by_pose, up = turned_from_level(values, factor, block, k)
+        key, turned = factor.keys()[0], gtsam.Rot3.Rz(0.7 * k).matrix() @ block.residuals.nav_R_level[k]
+        values.update(key, gtsam.Pose3(gtsam.Rot3(turned), values.atPose3(key).translation()))
+        by_pose, up = jacobians(factor, values)[key][0], np.concatenate([turned[2], np.zeros(3)])
         assert abs(by_pose @ up) > 1e-3
         np.testing.assert_allclose(by_pose, (by_pose @ up) * up, atol=1e-12 * abs(by_pose @ up))
 
 
-def test_a_tilt_changes_the_line_integral_by_the_moment_of_the_field():
-    blocks, values = random_blocks(4)
-    block = blocks["field potential"]
-    for k, factor in enumerate(block.factors()):
-        by_pose, up = turned_from_level(values, factor, block, k)
-        of_tilt = np.cross(up[:3], block.residuals.by_up[k]) / block.residuals.sigma_uT_m[k]
-        np.testing.assert_allclose(by_pose[:3] - (by_pose[:3] @ up[:3]) * up[:3], of_tilt, atol=1e-12)
-        np.testing.assert_array_equal(by_pose[3:], 0.0)
-
-
-def test_the_prior_of_the_field_has_its_derivatives():
+def test_the_prior_of_the_field_is_of_its_direction_and_its_strength_and_has_its_derivatives():
+    """Else a field of none would have no direction to be wrong by."""
     rng = np.random.default_rng(5)
-    prior = FieldPrior(FIELD, rng.uniform(0.5, 2.0, SIZE))
-    values = gtsam.Values()
+    prior, values, other = FieldPrior(FIELD, rng.uniform(0.5, 2.0, SIZE)), gtsam.Values(), FIELD.copy()
+    strength, other[E_H] = np.linalg.norm(FIELD[E_H]), 1.1 * yaw_rotation(-0.5)[:2, :2] @ FIELD[E_H]
+    off = np.zeros(SIZE)
+    off[E_H] = 0.5 * strength, 0.1 * strength
+    np.testing.assert_allclose(prior.evaluate([other], False)[0], off / prior.sigma, atol=1e-12)
     values.insert(M(0), prior.mean + rng.standard_normal(SIZE))
     assert_jacobians_are_derivatives(factor_of(prior, [M(0)]), values, atol=1e-6)
 
 
-def test_a_linear_factor_is_the_residual_wherever_it_is():
+@pytest.mark.parametrize("name", ["field transition", "differential field"])
+def test_a_linear_factor_is_the_residual_wherever_it_is(name):
     blocks, values = random_blocks(6)
-    block = blocks["field transition"]
+    block = blocks[name]
     for k, keys in enumerate(block.keys):
         one = one_of(block.residuals, k)
         linear, factor = linear_factor_of(one, keys), factor_of(one, keys)
@@ -186,3 +178,62 @@ def test_a_variable_that_is_not_there_is_not_read_as_another() -> None:
         values.insert(V(j), np.zeros(3))
     with pytest.raises(RuntimeError):
         residual.read_variables(values, [V(j + 1) for j in range(residual.FEW)], 3)
+
+
+# --- a residual function that returns nonsense is named in a ValueError, and the interpreter lives on
+
+
+EYE = np.eye(3)
+NOISE = gtsam.noiseModel.Isotropic.Sigma(3, 0.5)
+VALUES = values_of({V(0): np.array([1.0, 2.0, 3.0]), V(1): np.array([0.0, 1.0, 5.0])})
+
+
+def graph_of(residual, dims=(3, 3)):
+    graph = gtsam.NonlinearFactorGraph()
+    graph.push_back(guarded_factor("wobble", [V(0), V(1)], dims, NOISE, residual))
+    return graph
+
+
+BAD_RESIDUALS = {
+    "too short": np.zeros(2),
+    "column": np.zeros((3, 1)),
+    "float32": np.zeros(3, dtype=np.float32),
+    "NaN": np.array([0.0, np.nan, 0.0]),
+    "infinite": np.array([np.inf, -np.inf, 0.0]),
+    "nothing": None,
+}
+BAD_JACOBIANS = {
+    "none": [],
+    "one of two": [EYE],
+    "a column short": [EYE, np.zeros((3, 2))],
+    "float32": [EYE, EYE.astype(np.float32)],
+    "NaN": [EYE, np.full((3, 3), np.nan)],
+    "infinite": [np.diag([np.inf, -np.inf, 0.0]), EYE],
+    "a gap": [None, EYE],
+}
+
+
+@pytest.mark.parametrize("returned", BAD_RESIDUALS.values(), ids=BAD_RESIDUALS)
+def test_a_bad_residual(returned):
+    graph = graph_of(lambda values, with_jacobians: (returned, [EYE, EYE]))
+    for call in (graph.error, graph.linearize):
+        with pytest.raises(ValueError, match=r"^wobble: the residual is"):
+            call(VALUES)
+
+
+@pytest.mark.parametrize("returned", BAD_JACOBIANS.values(), ids=BAD_JACOBIANS)
+def test_a_bad_jacobian(returned):
+    graph = graph_of(lambda values, with_jacobians: (np.ones(3), returned))
+    assert graph.error(VALUES) == pytest.approx(6.0)  # nobody asked for them yet
+    with pytest.raises(ValueError, match=r"^wobble: (the Jacobian [01] is|there must be a Jacobian for each of the 2)"):
+        graph.linearize(VALUES)
+
+
+def test_an_exception_of_the_residual_itself_comes_through_and_every_key_needs_its_dimension():
+    """Else a Jacobian would stay unassigned, which gtsam does not survive."""
+    graph = graph_of(lambda values, with_jacobians: (values.atVector(X(7)), [EYE, EYE]))
+    with pytest.raises(RuntimeError, match="x7"):
+        graph.error(VALUES)
+    for dims in ((3,), (3, 3, 3), ()):
+        with pytest.raises(ValueError, match="wobble: there are 2 keys and"):
+            graph_of(lambda values, with_jacobians: (np.ones(3), [EYE, EYE]), dims)

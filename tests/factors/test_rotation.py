@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from fg_nav.factors.rotation import left_jacobian, relative_rotations, rotation_exp, turn_about_up, turn_from
-from tests.factors.attitudes import vectors
+from tests.factors.variables import vectors
 
 scales = st.sampled_from([1e-9, 1e-4, 0.02, 0.03, 1.0])
 
@@ -31,7 +31,6 @@ PERIOD = 0.01
 
 
 def swinging(rng, samples=300, size=4.0):
-    """Rates (T, 3) rad/s of a sensor that swings about all its axes."""
     t = PERIOD * np.arange(samples)
     rates = np.zeros((samples, 3))
     for frequency in (0.6, 1.1, 1.9):
@@ -49,37 +48,18 @@ def integrated(rates):
 
 @given(seed=st.integers(0, 999), size=st.sampled_from([0.0, 1.0, 10.0]))
 @settings(max_examples=10, deadline=None)
-def test_the_rotations_are_those_of_integration_sample_by_sample(seed, size):
-    rates = swinging(np.random.default_rng(seed), 70, size)
-    R, J = relative_rotations(rates + BIAS, np.full(70, PERIOD), np.zeros(70, dtype=np.int64), BIAS)
-    np.testing.assert_allclose(R, integrated(rates), atol=1e-12)
-    np.testing.assert_array_equal(R[0], np.eye(3))
-    np.testing.assert_array_equal(J[0], 0.0)
-
-
-@given(seed=st.integers(0, 999), size=st.sampled_from([0.0, 1.0, 10.0]))
-@settings(max_examples=10, deadline=None)
-def test_the_bias_jacobians_are_the_derivatives_on_the_manifold(seed, size):
-    rates, period, one = swinging(np.random.default_rng(seed), 70, size), np.full(70, PERIOD), np.zeros(70, dtype=int)
-    _, J = relative_rotations(rates, period, one, BIAS)
+def test_rotations_are_integrated_sample_by_sample_and_their_bias_jacobians_are_derivatives(seed, size):
+    """Of each stretch by itself."""
+    rates, period, twice = swinging(np.random.default_rng(seed), 70, size), np.full(140, PERIOD), np.repeat([0, 1], 70)
+    both = np.concatenate([rates, rates]) + BIAS
+    R, J = relative_rotations(both, period, twice, BIAS)
+    np.testing.assert_allclose(R, np.tile(integrated(rates), (2, 1, 1)), atol=1e-12)
+    np.testing.assert_array_equal(J[[0, 70]], 0.0)
     h = 1e-4
     for k, d in enumerate(h * np.eye(3)):
-        there, back = (relative_rotations(rates, period, one, BIAS + s * d)[0] for s in (1, -1))
+        there, back = (relative_rotations(both, period, twice, BIAS + s * d)[0] for s in (1, -1))
         turn = Rotation.from_matrix(np.swapaxes(back, 1, 2) @ there).as_rotvec() / (2 * h)
         np.testing.assert_allclose(J[:, :, k], turn, atol=1e-7)
-
-
-def test_stretches_together_are_each_by_itself():
-    rng = np.random.default_rng(2)
-    segment = np.repeat(np.arange(4), [40, 1, 7, 100])
-    rates, bias = swinging(rng, len(segment)) + BIAS, rng.normal(0.0, 0.01, (4, 3))
-    R, J = relative_rotations(rates, np.full(len(segment), PERIOD), segment, bias)
-    for s in range(4):
-        mine = segment == s
-        none, count = np.zeros(mine.sum(), dtype=np.int64), int(mine.sum())
-        alone, by_bias = relative_rotations(rates[mine], np.full(count, PERIOD), none, bias[s])
-        np.testing.assert_allclose(R[mine], alone, atol=1e-12)
-        np.testing.assert_allclose(J[mine], by_bias, atol=1e-10)
 
 
 @given(level=vectors, turn=vectors)

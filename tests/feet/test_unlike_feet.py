@@ -13,17 +13,11 @@ from fg_nav.evaluation.comparison import align
 from fg_nav.lab.simulation import simulate_feet
 from fg_nav.recording import Recording
 from fg_nav.walk import Options
+from tests.feet.walks import demo_feet, without_field
 from tests.real_data import DATA, needs_data
 
-Feet = Mapping[str, Recording]
 
-
-@pytest.fixture(scope="module")
-def feet() -> Feet:
-    return {side: one.recording for side, one in simulate_feet("demo", 4).sides.items()}
-
-
-def navigate(feet: Feet, **more: object) -> FeetResult:
+def navigate(feet: Mapping[str, Recording], **more: object) -> FeetResult:
     return navigate_feet(feet["left"], feet["right"], sides="left,right", **more)  # type: ignore[arg-type]
 
 
@@ -39,23 +33,19 @@ def cut(recording: Recording, begin: float, end: float) -> Recording:
     return Recording(recording.t[kept], recording.acc[kept], recording.gyr[kept], truth=recording.truth)
 
 
-def without_mag(feet: Feet) -> Feet:
-    return {side: replace(one, mag=None) for side, one in feet.items()}
-
-
-def test_one_sensor_of_half_the_rate(feet: Feet) -> None:
-    result = navigate({**without_mag(feet), "right": halve_rate(feet["right"])})
+def test_one_sensor_of_half_the_rate() -> None:
+    result = navigate({**without_field(), "right": halve_rate(without_field()["right"])})
     assert result.verdict.word == "trusted"
     assert result.pairing.cells > 8
     assert result.metrics.rmse_2d_m < 0.1
 
 
 @pytest.mark.parametrize("late", ["left", "both"])
-def test_a_recording_that_begins_amid_the_walk(feet: Feet, late: str) -> None:
+def test_a_recording_that_begins_amid_the_walk(late: str) -> None:
     """Nobody stood still first: the bias is less known, and both feet still go on from where they are."""
     cut = {
         side: one.slice(int(np.searchsorted(one.t, 14.0)), len(one)) if late in (side, "both") else one
-        for side, one in without_mag(feet).items()
+        for side, one in without_field().items()
     }
     result = navigate(cut)
     assert result.pairing.cells > 5
@@ -63,9 +53,9 @@ def test_a_recording_that_begins_amid_the_walk(feet: Feet, late: str) -> None:
 
 
 @pytest.mark.parametrize(("side", "heading_deg"), [("left", None), ("right", 40.0)])
-def test_a_field_of_one_foot_is_for_both(feet: Feet, side: str, heading_deg: float | None) -> None:
+def test_a_field_of_one_foot_is_for_both(side: str, heading_deg: float | None) -> None:
     """The one magnetometer holds the heading of both; which foot it is on makes no difference to the shape."""
-    bare = {**feet, side: replace(feet[side], mag=None)}
+    bare = {one: foot.recording for one, foot in demo_feet().sides.items()} | {side: without_field()[side]}
     result = navigate(bare, heading_deg=heading_deg)
     assert result.verdict.word == "trusted"
     assert result.metrics.rmse_2d_m < 0.15
@@ -79,18 +69,19 @@ def test_a_field_of_one_foot_is_for_both(feet: Feet, side: str, heading_deg: flo
 
 
 def test_who_runs_steps_in_turn_too() -> None:
-    feet = {side: replace(one.recording, mag=None) for side, one in simulate_feet("mixed-gait", 2).sides.items()}
+    """From the second half of the first minute on, for forty seconds."""
+    whole = {side: one.recording for side, one in simulate_feet("mixed-gait", 2).sides.items()}
+    feet = {side: replace(one, mag=None).slice(0, int(np.searchsorted(one.t, 105.0))) for side, one in whole.items()}
     result = navigate(feet, options=Options())
     assert result.pairing.cells > 10
-    assert result.pairing.width_m is not None
     assert result.pairing.width_m > 0.0
-    assert result.metrics.rmse_2d_m < 1.0
+    assert result.metrics.rmse_2d_m < 0.3
 
 
 @pytest.mark.parametrize(("side", "hole"), [("left", (8.0, 30.0)), ("right", (40.0, 60.0))])
-def test_a_part_of_a_few_steps_about_a_hole_is_left_out(feet: Feet, side: str, hole: tuple[float, float]) -> None:
+def test_a_part_of_a_few_steps_about_a_hole_is_left_out(side: str, hole: tuple[float, float]) -> None:
     """Nothing ties it: with it both feet had no solution, or the end was known to no one."""
-    bare = without_mag(feet)
+    bare = without_field()
     result = navigate({**bare, side: cut(bare[side], *hole)})
     assert result.verdict.word == "trusted"
     assert max(foot.metrics.rmse_2d_m for foot in result.feet.values()) < 0.1
@@ -98,8 +89,8 @@ def test_a_part_of_a_few_steps_about_a_hole_is_left_out(feet: Feet, side: str, h
     assert any("too few footfalls to be laid beside the other foot" in note for note in notes)
 
 
-def test_where_the_other_foot_failed_the_longest_part_is_used_as_of_a_foot_alone(feet: Feet) -> None:
-    bare = without_mag(feet)
+def test_where_the_other_foot_failed_the_longest_part_is_used_as_of_a_foot_alone() -> None:
+    bare = without_field()
     broken = cut(bare["left"], 45.0, 52.0)
     result = navigate({"left": broken, "right": cut(bare["right"], 2.0, 200.0)})
     assert set(result.feet) == {"left"}

@@ -9,7 +9,8 @@ from fg_nav.errors import EvaluationError
 from fg_nav.evaluation.comparison import align, compare_at_footfalls
 from fg_nav.evaluation.metrics import measure_moment
 from fg_nav.frames import yaw_rotation
-from fg_nav.lab.walked import AS_STARTED, BEST_YAW, error_reduction_percent, measure_landmarks, measure_walk
+from fg_nav.lab.simulation import Passing
+from fg_nav.lab.walked import AS_STARTED, BEST_YAW, measure_landmarks, measure_walk
 from fg_nav.truth import FootprintTruth, TrajectoryTruth
 from tests.evaluation.walks import solution, winding_path
 
@@ -185,34 +186,29 @@ T = np.linspace(0.0, 40.0, 401)
 AT_S = np.array([2.0, 7.5, 13.0, 20.0, 26.51, 40.0])
 
 
+def passings(places):
+    return [Passing(*one) for one in zip("ABCABC", AT_S, places, strict=True)]
+
+
 def test_errors_at_landmarks_are_over_the_ground_in_the_alignment_of_the_footfalls():
     path = np.column_stack([T, np.zeros((len(T), 2))])
     off = np.zeros((6, 3))
     off[[0, 1, 3, 5], :2] = [[0.3, 0.4], [0.0, 2.0], [-0.5, 0.0], [3.0, 4.0]]
     off[[0, 2], 2] = 9.0
     places = np.column_stack([AT_S, np.zeros((6, 2))]) - off
-    level = align(path, path, "none")
-    found = measure_landmarks(solution(T, path), ("A", "B", "C") * 2, AT_S, places, level)
-    np.testing.assert_allclose(found.error_m, [0.5, 2.0, 0.0, 0.5, 0.0, 5.0], atol=1e-12)
-    assert found.landmark == ("A", "B", "C") * 2
+    level, crossings = align(path, path, "none"), passings(places)
+    found = measure_landmarks(solution(T, path), crossings, level)
+    np.testing.assert_allclose(found, [0.5, 2.0, 0.0, 0.5, 0.0, 5.0], atol=1e-12)
     with pytest.raises(EvaluationError, match=r"landmark C is crossed at 40\.000 s.*0\.000 to 39\.900 s"):
-        measure_landmarks(solution(T[:-1], path[:-1]), ("A", "B", "C") * 2, AT_S, places, level)
+        measure_landmarks(solution(T[:-1], path[:-1]), crossings, level)
     with pytest.raises(EvaluationError, match="crosses no landmark"):
-        measure_landmarks(solution(T, path), (), AT_S[:0], places[:0], level)
+        measure_landmarks(solution(T, path), (), level)
     path = winding_path(np.random.default_rng(3), len(T))
     places = np.column_stack([np.interp(AT_S, T, axis) for axis in path.T])
     turned = (path - path[0]) @ yaw_rotation(0.2).T + [1.0, 2.0, 3.0]
     best, started = (
-        measure_landmarks(solution(T, turned), "ABCABC", AT_S, places, align(turned, path, mode)).error_m
+        measure_landmarks(solution(T, turned), passings(places), align(turned, path, mode))
         for mode in ("yaw", "origin")
     )
     assert best.max() < 1e-9
     np.testing.assert_allclose(started, 2 * np.sin(0.1) * np.linalg.norm((places - path[0])[:, :2], axis=1))
-
-
-def test_ma_s_figures():
-    assert error_reduction_percent(1.5, 11.3) == pytest.approx(86.7, abs=0.05)  # printed: 85 %
-    assert error_reduction_percent(2.0, 2.0) == 0.0
-    assert error_reduction_percent(3.0, 2.0) == pytest.approx(-50.0)
-    with pytest.raises(EvaluationError, match="take another"):
-        error_reduction_percent(1.0, 0.0)

@@ -3,37 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from functools import cache
 
 import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.feet import SIDES, Side
-from fg_nav.frames import compute_heading
-from fg_nav.lab.simulation import SimulatedFeet, simulate_feet
 from fg_nav.online.buffer import OnlineOptions, rows_of
 from fg_nav.online.estimates import FeetLine
 from fg_nav.online.feet import FeetNavigator
+from tests.feet.walks import demo_feet, feet
 
 BLOCK_S = 0.2
 
 
-@cache
-def demo_feet(seed: int = 5) -> SimulatedFeet:
-    """A minute round a block."""
-    return simulate_feet("demo", seed)
-
-
-def heading_of(side: Side) -> float:
-    """True heading of a sensor at the start, rad."""
-    truth = demo_feet().sides[side].recording.truth
-    assert truth is not None
-    return float(compute_heading(truth.nav_R_body[0]))
-
-
-def heads_known(use_field: bool = False) -> OnlineOptions:
-    """Options with the left sensor's heading."""
-    return OnlineOptions(heading_rad=heading_of("left"), use_field=use_field)
+def heads_known() -> OnlineOptions:
+    return OnlineOptions(heading_rad=feet()["left"].heading, use_field=False)
 
 
 def list_blocks(keep: Callable[[Side, float], bool]) -> Iterator[tuple[Side, Floats]]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 
@@ -11,7 +10,6 @@ import numpy as np
 import pytest
 
 from fg_nav.arrays import Floats
-from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError, RecordingError
 from fg_nav.feet import SIDES, Side
 from fg_nav.online.buffer import OnlineOptions
@@ -27,10 +25,9 @@ from fg_nav.online.estimates import (
 )
 from fg_nav.online.feet import FeetNavigator, FeetWalk
 from fg_nav.online.navigator import OnlineNavigator
-from fg_nav.smoother.batch import WalkInput
-from fg_nav.smoother.feet import smooth_feet
 from fg_nav.truth import Fix
-from tests.online.feet_walks import demo_feet, heading_of, heads_known, list_blocks, push_feet
+from tests.feet.walks import both, truth_of
+from tests.online.feet_walks import heads_known, list_blocks, push_feet
 
 
 @cache
@@ -44,7 +41,6 @@ def walked() -> tuple[list[FeetLine], FeetWalk]:
 
 
 def contents(found: list[FeetLine], kind: type | tuple[type, ...], foot: str = "") -> list:
-    """What lines of a kind say, of a foot or of all."""
     return [one.content for one in found if isinstance(one.content, kind) and foot in (one.foot, "")]
 
 
@@ -53,7 +49,6 @@ def states(found: list[FeetLine]) -> list[tuple[str, str]]:
 
 
 def texts(found: list[FeetLine]) -> list:
-    """The lines of the left foot."""
     return [
         format_estimate(one, False) if isinstance(one, StanceEstimate) else list(format_revision(one))
         for one in contents(found, (StanceEstimate, Revision), "left")
@@ -66,24 +61,21 @@ def interpolate(t, path):
 
 def true_path(side: Side, t: Floats) -> Floats:
     """From where the left foot stood at first."""
-    start = demo_feet().left.recording.truth.position[0]
-    return interpolate(t, demo_feet().sides[side].recording.truth) - start
+    return interpolate(t, truth_of(side)) - truth_of("left").position[0]
 
 
 def test_at_the_end_both_feet_and_the_person_are_where_the_batch_has_them() -> None:
     """Found: 9 mm rms, 22 mm at most; in the left foot's frame, whose heading was given."""
-    recordings = {side: replace(one.recording, mag=None) for side, one in demo_feet().sides.items()}
-    feet = {side: WalkInput(one, detect_stances(one), heading_of(side)) for side, one in recordings.items()}
-    end, both = walked()[1], smooth_feet(feet["right"], feet["left"])
+    end = walked()[1]
     for side in SIDES:
-        found, batch = end.feet[side].stances, getattr(both, side)
+        found, batch = end.feet[side].stances, getattr(both(), side)
         apart = np.linalg.norm(found.position - interpolate(found.t, batch), axis=1)
         assert np.sqrt(np.mean(apart**2)) < 0.02
         assert apart.max() < 0.05
         assert found.position_sigma[-1, :2] == pytest.approx(batch.stances.position_sigma[-1, :2], rel=0.1)
-    assert end.both.width_m == pytest.approx(both.width_m, abs=0.02)
-    assert end.both.width_sigma_m == pytest.approx(both.width_sigma_m, rel=0.1)
-    assert end.both.person.position[-1] == pytest.approx(both.person.position[-1], abs=0.05)
+    assert end.both.width_m == pytest.approx(both().width_m, abs=0.02)
+    assert end.both.width_sigma_m == pytest.approx(both().width_sigma_m, rel=0.1)
+    assert end.both.person.position[-1] == pytest.approx(both().person.position[-1], abs=0.05)
 
 
 def test_lines_of_both_are_in_one_frame_after_some_strides() -> None:
@@ -118,7 +110,9 @@ def test_the_person_is_where_it_was_by_the_sigmas_told() -> None:
     path = contents(walked()[0], Revision, "person")[-1].path
     assert path[0, 0] < 5.0  # with the steps before the feet were tied
     truth = np.mean([true_path(side, path[:, 0]) for side in SIDES], axis=0)
-    assert np.linalg.norm(path[:, 1:] - truth, axis=1).max() < 0.5
+    off, walks = np.linalg.norm(path[:, 1:] - truth, axis=1), (path[:, 0] > 6.0) & (path[:, 0] < 58.5)
+    assert off[walks].max() < 0.25
+    assert off.max() < 0.5  # the first step and the last, of 0.7 m, are there or not
 
 
 def test_a_foot_that_is_silent_from_the_start_leaves_the_other_as_it_is_alone() -> None:
@@ -176,21 +170,13 @@ def late(by_s: float, since_s: float = 0.0):
     return change
 
 
-def test_a_clock_offset_is_taken_off() -> None:
-    navigator = FeetNavigator(heads_known(), clock_offset_s=-100.0)
-    people = contents(push_feet(navigator, lambda side, t: t < 20.0, late(100.0, -1.0)), PersonEstimate)
-    expected = contents(walked()[0], PersonEstimate)
-    assert [one.t for one in people] == pytest.approx([one.t for one in expected[: len(people)]])
-    assert len(people) > 5
-
-
-@pytest.mark.parametrize(("late_s", "given_s", "told_s"), [(0.3, 0.0, -0.3), (-2.0, 1.5, 2.0)])
-def test_clocks_that_do_not_fit_are_told_once_with_what_to_begin_again_with(late_s, given_s, told_s) -> None:
+def test_clocks_that_do_not_fit_are_told_once_with_what_to_begin_again_with() -> None:
+    """Half a second more than the offset that was given."""
     remarks: list[str] = []
-    navigator = FeetNavigator(heads_known(), remarks.append, clock_offset_s=given_s)
-    push_feet(navigator, lambda side, t: t < 43.0, late(late_s, -1.0))
+    navigator = FeetNavigator(heads_known(), remarks.append, clock_offset_s=1.5)
+    push_feet(navigator, lambda side, t: t < 43.0, late(-2.0, -1.0))
     (said,) = [words for words in remarks if "clocks" in words]
-    assert float(said.rsplit(" ", 1)[1]) == pytest.approx(told_s, abs=0.03)
+    assert float(said.rsplit(" ", 1)[1]) == pytest.approx(2.0, abs=0.03)
 
 
 def test_a_clock_that_restarts_parts_the_feet() -> None:

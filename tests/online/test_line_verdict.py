@@ -22,13 +22,11 @@ def rows() -> np.ndarray:
 
 
 def feed(looks: AxesCheck, acc: float = 1.0, gyr: tuple[float, ...] = (1.0, 1.0, 1.0)) -> None:
-    """Give rows in blocks, the force and the rates times these scales."""
     for start in range(0, len(rows()), 64):
         looks.push(rows()[start : start + 64] * [1.0, acc, acc, acc, *gyr, 1.0, 1.0, 1.0, 1.0])
 
 
 def seen() -> LineVerdict:
-    """A verdict that has seen the axes of the sensor."""
     verdict = LineVerdict()
     feed(verdict.axes)
     return verdict
@@ -40,7 +38,6 @@ def estimate(number: int, t: float, position: list[float], sigma_m: float = 0.05
 
 
 def judge(verdict: LineVerdict, *lines: StanceEstimate | Revision):
-    """The verdict on the last of these lines."""
     return verdict.judge(lines, [False] * 30)[-1][1]
 
 

@@ -6,7 +6,7 @@ import socket
 import sys
 import time
 from collections.abc import Callable, Coroutine
-from contextlib import closing
+from contextlib import asynccontextmanager, closing
 from functools import wraps
 
 import numpy as np
@@ -71,36 +71,28 @@ async def wait_for(condition) -> None:
         await asyncio.sleep(0.01)
 
 
-class Opened:
-    """A source by its name, and what was said of it."""
-
-    def __init__(self, word: str) -> None:
-        self.said: list[str] = []
-        self.samples = open_source(word, None, 115200, self.said.append)
-
-    @property
-    def port(self) -> int:
-        """Which the system chose for port 0."""
-        door = self.samples._socket if hasattr(self.samples, "_socket") else self.samples._listener
-        return door.getsockname()[1]
-
-    async def __aenter__(self):
-        self.samples.start()
-        return self
-
-    async def __aexit__(self, *_):
-        self.samples._task.cancel()
-        await asyncio.gather(self.samples._task, return_exceptions=True)
-        self.samples.close()
+@asynccontextmanager
+async def opening(word: str):
+    """A source by its name, and what is said of it."""
+    said = list[str]()
+    source = open_source(word, None, 115200, said.append)
+    source.start()
+    try:
+        yield source, said
+    finally:
+        source._task.cancel()
+        await asyncio.gather(source._task, return_exceptions=True)
+        source.close()
 
 
-def opened_at(scheme: str) -> Opened:
-    return Opened(f"{scheme}://127.0.0.1:0")
+def port_of(source) -> int:
+    """Which the system chose for port 0."""
+    return (source._socket if hasattr(source, "_socket") else source._listener).getsockname()[1]
 
 
-def connect(scheme: str, port: int) -> socket.socket:
+def connect(scheme: str, source) -> socket.socket:
     one = socket.socket(type=socket.SOCK_DGRAM if scheme == "udp" else socket.SOCK_STREAM)
-    one.connect(("127.0.0.1", port))
+    one.connect(("127.0.0.1", port_of(source)))
     return one
 
 
@@ -134,29 +126,29 @@ async def test_a_backlog_is_read_in_pieces_and_nothing_is_lost():
 @in_loop
 async def test_a_second_sender_is_left_out_until_the_first_has_ended_or_fell_silent(scheme, monkeypatch):
     """As of a foot and a pocket that send to one port; and of a foot that is switched off and on."""
-    async with opened_at(scheme) as opened:
-        foot = connect(scheme, opened.port)
+    async with opening(f"{scheme}://127.0.0.1:0") as (source, said):
+        foot = connect(scheme, source)
         foot.sendall(HEADER + row(0))
-        assert await collect(opened.samples, 1) == [0]
-        with closing(connect(scheme, opened.port)) as pocket:
+        assert await collect(source, 1) == [0]
+        with closing(connect(scheme, source)) as pocket:
             pocket.sendall(row(1000))
-            await wait_for(lambda: opened.said)
-            assert str(pocket.getsockname()[1]) in opened.said[0]
+            await wait_for(lambda: said)
+            assert str(pocket.getsockname()[1]) in said[0]
         foot.sendall(row(1))
-        assert await collect(opened.samples, 1) == [1]
+        assert await collect(source, 1) == [1]
         if scheme == "tcp-listen":  # whose end is seen: the sensor may connect again at once
             foot.close()
-            foot = connect(scheme, opened.port)
+            foot = connect(scheme, source)
             foot.sendall(HEADER + row(2))
-            assert await collect(opened.samples, 1) == [2]
+            assert await collect(source, 1) == [2]
         # Out of reach: its old connection is never closed.
         monkeypatch.setattr(sources, "RESTARTED_S", 0.2)
-        await wait_for(lambda: time.monotonic() - opened.samples._senders.last > 0.25)
-        with closing(connect(scheme, opened.port)) as new:
+        await wait_for(lambda: time.monotonic() - source._senders.last > 0.25)
+        with closing(connect(scheme, source)) as new:
             new.sendall(row(3))
-            assert await collect(opened.samples, 1) == [3]
-        assert scheme != "udp" or 0.25 <= opened.samples.away_s < PATIENCE_S
-        assert not [words for words in opened.said[1:] if "is left out" in words]
+            assert await collect(source, 1) == [3]
+        assert scheme != "udp" or 0.25 <= source.away_s < PATIENCE_S
+        assert not [words for words in said[1:] if "is left out" in words]
         foot.close()
 
 
@@ -184,23 +176,23 @@ def test_a_walk_is_that_of_its_first_sender_and_of_its_host_alone(monkeypatch):
 @in_loop
 async def test_datagrams_that_find_no_room_are_counted_and_said_once(monkeypatch):
     monkeypatch.setattr(sources, "SYSTEM_BUFFER", 4096)
-    async with opened_at("udp") as opened:
-        with closing(connect("udp", opened.port)) as out:
+    async with opening("udp://127.0.0.1:0") as (source, said):
+        with closing(connect("udp", source)) as out:
             out.send(HEADER)
             for k in range(500):  # the loop is busy meanwhile
                 out.send(row(k))
             sent, deadline = 500, time.monotonic() + PATIENCE_S
-            while not opened.samples.lost or sent < 510:  # the next that has room brings the count
+            while not source.lost or sent < 510:  # the next that has room brings the count
                 assert time.monotonic() < deadline
                 await asyncio.sleep(0.02)
                 out.send(row(sent))
                 sent += 1
             came: list[float] = []
-            while len(came) < sent and len(piece := await read(opened.samples, 0.3)):
+            while len(came) < sent and len(piece := await read(source, 0.3)):
                 came += piece[:, 0].tolist()
-            assert 0 < opened.samples.lost == sent - len(came)
-    assert ["lost here" in words for words in opened.said] == [True, False]
-    assert str(opened.samples.lost) in opened.said[-1]
+            assert 0 < source.lost == sent - len(came)
+    assert ["lost here" in words for words in said] == [True, False]
+    assert str(source.lost) in said[-1]
 
 
 @in_loop
@@ -218,9 +210,9 @@ async def test_a_server_that_comes_later_and_breaks_off_is_waited_for():
     with closing(socket.socket()) as door:
         door.bind(("127.0.0.1", 0))  # which refuses until it listens
         door.settimeout(PATIENCE_S)
-        async with Opened(f"tcp://127.0.0.1:{door.getsockname()[1]}") as opened:
-            await wait_for(lambda: opened.said)
-            assert "not there yet" in opened.said[0]
+        async with opening(f"tcp://127.0.0.1:{door.getsockname()[1]}") as (source, said):
+            await wait_for(lambda: said)
+            assert "not there yet" in said[0]
             door.listen()
             backward = b",".join(reversed(HEADER.strip().split(b","))) + b"\n"
             for data, stamps in (
@@ -231,24 +223,24 @@ async def test_a_server_that_comes_later_and_breaks_off_is_waited_for():
             ):
                 await asyncio.sleep(0.0 if stamps else 0.3)
                 await asyncio.to_thread(serve, data)
-                assert await collect(opened.samples, len(stamps)) == stamps
-            assert 0.15 < opened.samples.away_s < PATIENCE_S
-        assert len(opened.said) == 1
+                assert await collect(source, len(stamps)) == stamps
+            assert 0.15 < source.away_s < PATIENCE_S
+        assert len(said) == 1
 
 
 @in_loop
 async def test_more_than_may_wait_holds_up_the_server_and_loses_nothing(monkeypatch):
     monkeypatch.setattr(sources, "MAX_WAITING", 100_000)
     n = 100_000
-    async with opened_at("tcp-listen") as opened:
+    async with opening("tcp-listen://127.0.0.1:0") as (source, _):
 
         def send() -> None:
-            with closing(connect("tcp-listen", opened.port)) as out:
+            with closing(connect("tcp-listen", source)) as out:
                 out.sendall(HEADER + b"".join(map(row, range(n))))
 
         sending = asyncio.create_task(asyncio.to_thread(send))
-        await wait_for(lambda: opened.samples._size > 30_000)
-        assert np.array_equal(await collect(opened.samples, n), np.arange(n))
+        await wait_for(lambda: source._size > 30_000)
+        assert np.array_equal(await collect(source, n), np.arange(n))
         await sending
 
 
@@ -263,18 +255,18 @@ async def test_a_serial_device_is_read_again_when_it_is_plugged_in_again(tmp_pat
         return ends
 
     device = plug_in()
-    async with Opened(str(place)) as opened:
+    async with opening(str(place)) as (source, said):
         os.write(device[0], HEADER + row(0))
-        assert await collect(opened.samples, 1) == [0]
+        assert await collect(source, 1) == [0]
         place.unlink()
         for end in device:
             os.close(end)
-        await wait_for(lambda: opened.said)
-        assert "broke off" in opened.said[0]
+        await wait_for(lambda: said)
+        assert "broke off" in said[0]
         device, came = plug_in(), list[float]()
         for k in range(1000):  # what is sent before it is opened is lost
             os.write(device[0], row(k))
-            came += (await read(opened.samples, 0.01))[:, 0].tolist()
+            came += (await read(source, 0.01))[:, 0].tolist()
             if len(came) > 5:
                 break
         assert np.array_equal(np.diff(came), np.ones(len(came) - 1))
@@ -289,4 +281,4 @@ def test_an_address_that_is_taken_is_refused(scheme):
         if scheme != "udp":
             taken.listen()
         with pytest.raises(StreamError, match="in use"):
-            Opened(f"{scheme}://127.0.0.1:{taken.getsockname()[1]}")
+            open_source(f"{scheme}://127.0.0.1:{taken.getsockname()[1]}", None, 115200, print)

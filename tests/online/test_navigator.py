@@ -1,4 +1,4 @@
-"""A walk in progress: blocks do not matter, odd samples are survived, and it ends where the recording does."""
+"""A walk in progress: blocks do not matter, odd samples and losses are survived, and it ends where its samples do."""
 
 from dataclasses import replace
 from functools import cache
@@ -10,20 +10,22 @@ from fg_nav.detection import detect_stances
 from fg_nav.errors import DetectionError, EstimationError, FgNavError
 from fg_nav.estimators import METHODS
 from fg_nav.evaluation.metrics import measure_gap
+from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.online import OnlineNavigator
 from fg_nav.online import navigator as navigator_module
 from fg_nav.online.buffer import OnlineOptions, rows_of
 from fg_nav.online.navigator import finish_walk
-from fg_nav.online.strides import find_stride_fixes
+from fg_nav.recording import Recording
 from fg_nav.samples.intake import MAX_CLOCK_STEP_S, UNKNOWN_GAP_S, Intake
 from fg_nav.smoother import smooth
-from fg_nav.smoother.constraints import pin_to_times
+from fg_nav.solution import StanceTable
 from fg_nav.truth import Fix
 from fg_nav.walk import Options, Walk
 from tests.online.walks import (
     NORTH,
     estimates_of,
+    in_earth_field,
     push,
     revisions_of,
     short_walk,
@@ -32,26 +34,13 @@ from tests.online.walks import (
     whole_walk,
     worst_difference,
 )
+from tests.simulated import corridor
 from tests.smoother.test_fixes import demo, errors, fixes_at, truth_from_start, with_fixes
 
 
-def test_each_footfall_is_returned_once_and_in_order():
-    navigator, found = whole_walk()
-    assert [e.number for e in found] == list(range(len(found)))
-    assert (np.diff([e.t for e in found]) > 0).all()
-    new = sum(not f.continues for f in navigator.footfalls)
-    assert new == detect_stances(short_walk()).n_footfalls
-    for estimate in found:
-        assert np.isfinite(estimate.position).all()
-        assert (np.linalg.eigvalsh(estimate.pose_cov) > 0).all()
-    assert np.array_equal(navigator.causal().position, [e.position for e in found])
-
-
-@pytest.mark.parametrize("seed", [None, 1])
-def test_blocks_do_not_matter(seed):
-    rows, rng = rows_of(short_walk()), np.random.default_rng(seed)
-    cuts = range(1, len(rows)) if seed is None else np.sort(rng.integers(0, len(rows), rng.integers(1, 300)))
-    navigator, _ = walked(rows, cuts=cuts)
+def test_blocks_do_not_matter():
+    rows = rows_of(short_walk())
+    navigator, _ = walked(rows, cuts=range(1, len(rows)))
     assert worst_difference(navigator.causal(), whole_walk()[0].causal()) < 1e-9
     assert worst_difference(navigator.smoothed(), whole_walk()[0].smoothed()) < 1e-9
 
@@ -210,7 +199,6 @@ TURN_DEG = 40.0
 
 @cache
 def through_fixes(heading: float | None, turn_deg: float):
-    """The navigator of a walk with two fixes, and what it told."""
     options = OnlineOptions(heading_rad=heading, use_field=False, fixes=tuple(fixes(turn_deg)))
     rows = rows_of(demo().recording)
     return walked(rows, options, cuts=range(64, len(rows), 64))
@@ -245,14 +233,75 @@ def test_the_map_turns_to_the_fixes_and_says_so_and_what_they_have_yet_to_show_i
     assert np.degrees(lines[-1].pose_cov[3, 3] ** 0.5) < 3.0
 
 
-def test_a_fix_of_a_stride_has_the_node_and_the_sigma_of_the_batch():
-    rng = np.random.default_rng(4)
-    t_node = np.sort(rng.uniform(0.0, 4.0, 6))
-    several = [Fix(float(t), rng.normal(size=3), 0.2, 0.3) for t in rng.uniform(-1.0, 5.0, 40)]
-    before = float(t_node[2])
-    found = find_stride_fixes(several, t_node, before)
-    inside = [fix for fix in several if before < fix.time_s <= t_node[-1]]
-    assert [fix.time_s for _, fix in found] == [fix.time_s for fix in inside]
-    pinned = pin_to_times(inside, t_node)
-    np.testing.assert_array_equal([node for node, _ in found], pinned.node)
-    np.testing.assert_allclose([fix.horizontal_sigma_m for _, fix in found], pinned.horizontal)
+# --- seconds lost in mid-walk
+
+
+LOST_AT_S, LOST_S = 30.2, 5.0
+"""In mid-swing, and round a corner of the corridor: the heading behind it is a right angle off."""
+
+
+@cache
+def cut() -> tuple[Recording, float]:
+    """A minute round a corridor in a homogeneous field, seconds cut out; and its heading at the start."""
+    simulated = corridor(seed=1, rate_hz=100.0)
+    whole = in_earth_field(simulated.recording, simulated.motion.at(simulated.recording.t).nav_R_body)
+    kept = (whole.t < LOST_AT_S) | (whole.t >= LOST_AT_S + LOST_S)
+    lossy = replace(whole, t=whole.t[kept], acc=whole.acc[kept], gyr=whole.gyr[kept], mag=whole.mag[kept])
+    return lossy, float(compute_heading(whole.truth.nav_R_body[0]))
+
+
+@cache
+def online(with_field: bool) -> OnlineNavigator:
+    recording, heading = cut()
+    options = OnlineOptions(heading_rad=heading, use_field=with_field)
+    return walked(rows_of(recording), options, cuts=range(50, len(recording), 50))[0]
+
+
+def solve(method: str, with_field: bool) -> StanceTable:
+    if method == "online":
+        return online(with_field).causal()
+    recording, heading = cut()
+    recording = recording if with_field else replace(recording, mag=None)
+    stances = detect_stances(recording)
+    field = average_footfall_field(recording, stances, heading) if with_field else None
+    return smooth(recording, stances, heading=heading, field=field).stances
+
+
+def errors_of(table: StanceTable) -> tuple[np.ndarray, np.ndarray]:
+    """How far each footfall is off over the ground, m, and how far it is turned, rad."""
+    truth = cut()[0].truth
+    true = np.array([np.interp(table.t, truth.t, axis) for axis in truth.position.T]).T
+    off = (table.position - table.position[0]) - (true - true[0])
+    heading = compute_heading(truth.nav_R_body[np.searchsorted(truth.t, table.t).clip(0, len(truth.t) - 1)])
+    return np.linalg.norm(off[:, :2], axis=1), wrap_angle(compute_heading(table.nav_R_body) - heading)
+
+
+@pytest.mark.parametrize("method", ["online", "batch"])
+@pytest.mark.parametrize("with_field", [False, True])
+def test_behind_a_loss_of_seconds_the_sigmas_are_those_of_a_person_who_walked_on(method, with_field):
+    """By the compass the right angle round a corner is found; what is walked behind it is as certain as before."""
+    table = solve(method, with_field)
+    k = int(np.searchsorted(table.t, LOST_AT_S + LOST_S))
+    off, turned = errors_of(table)
+    sigma = np.linalg.norm(table.position_sigma[:, :2], axis=1)
+    assert (off[k:] < 3.0 * sigma[k:]).all()
+    if with_field:
+        assert np.degrees(table.heading_sigma[k + 10]) < 3.0
+        assert (np.abs(turned[k + 3 :]) < 3.0 * table.heading_sigma[k + 3 :] + np.radians(1.0)).all()
+        assert abs(sigma[-1] - sigma[k]) < 0.5
+    else:
+        assert off[k - 1] < 0.2
+        assert 2.0 < sigma[k] < 15.0
+        assert 1.0 < abs(turned[k]) < 3.0 * table.heading_sigma[k] < 6.0
+        np.testing.assert_allclose(sigma[: k - 1].max(), sigma[k - 2], rtol=0.5)
+
+
+def test_the_batch_of_a_stream_with_a_loss_is_that_of_its_samples():
+    """Path and sigmas; and neither leaps but over the loss."""
+    found, polished = online(False).finish(), online(False).polish()
+    apart = np.linalg.norm((found.position - polished.position)[:, :2], axis=1)
+    assert apart[found.t < LOST_AT_S].max() < 0.1
+    assert apart.max() < 0.1 * np.linalg.norm(polished.stances.position_sigma[-1, :2])
+    np.testing.assert_allclose(polished.stances.position_sigma[-1, :2], found.stances.position_sigma[-1, :2], rtol=0.1)
+    step = np.linalg.norm(np.diff(polished.position, axis=0), axis=1)
+    assert np.delete(step, np.argmax(np.diff(polished.t))).max() < 0.1

@@ -22,12 +22,10 @@ COMPASS = OnlineOptions(heading_rad=None, mount="pocket")
 
 @pytest.fixture(scope="module")
 def recording():
-    """Half a minute of corridors, in the pocket."""
     return simulate("demo", 103, Choices(worn="pocket", rate_hz=100.0)).recording.slice(0, 3500)
 
 
 def walk(rows, options=COMPASS, block=64):
-    """The navigator of rows that come in blocks, and what it told."""
     navigator, told = PocketNavigator(options), []
     for start in range(0, len(rows), block):
         told += navigator.add_rows(rows[start : start + block])

@@ -131,9 +131,9 @@ def whole(data, tmp_path_factory):
 
 
 @pytest.mark.parametrize("goes_on", [False, True], ids=["the source begins again", "the source goes on"])
-def test_killed_at_twenty_bytes_no_line_is_lost_or_given_twice(data, whole, tmp_path, monkeypatch, goes_on):
+def test_killed_at_ten_bytes_no_line_is_lost_or_given_twice(data, whole, tmp_path, monkeypatch, goes_on):
     path = tmp_path / "record.csv"
-    navigator, given = walk_killed(path, monkeypatch, data, FOOT, 20, goes_on)
+    navigator, given = walk_killed(path, monkeypatch, data, FOOT, 10, goes_on)
     check_lines(given, whole[2])
     assert measure_end(navigator, whole[1]) < 0.1
     # The record is what a walk that is not killed leaves.
@@ -332,16 +332,13 @@ def test_a_full_disk_does_not_end_the_walk(rows, tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("solved_here")
-def test_a_replay_is_recorded_as_it_is_and_gives_its_walk(fg_nav, tmp_path):
+def test_a_replay_is_recorded_as_it_is(fg_nav, tmp_path):
     source = tmp_path / "walk.csv"
     write_canonical(short_walk(), source)
-    words = ("stream", source, "--speed", "max", "--heading", 0, "--record", tmp_path / "record.csv", "--out")
-    assert fg_nav(*words, tmp_path / "out").code == 0
+    words = ("stream", source, "--speed", "max", "--heading", 0, "--record", tmp_path / "record.csv")
+    assert fg_nav(*words).code == 0
     np.testing.assert_array_equal(recorded(tmp_path / "record.csv"), rows_of(short_walk()))
-    assert fg_nav("run", source, "--method", "online", "--heading", 0, "--out", tmp_path / "run").code == 0
-    ends = [np.loadtxt(tmp_path / name / "trajectory.tum")[-1, 1:4] for name in ("out", "run")]
-    assert np.allclose(*ends, atol=1e-6)
-    assert fg_nav(*words, tmp_path / "other").refused("record.csv", "--force")
+    assert fg_nav(*words).refused("record.csv", "--force")
     assert fg_nav("stream", source, "--record", source, "--force").refused("what is streamed")
     for speed in ("0", "-1", "nan", "fast"):
         assert fg_nav("stream", source, f"--speed={speed}").refused("--speed", "no factor")

@@ -26,7 +26,6 @@ from tests.smoother.walks import demo
 
 @cache
 def told_footfalls() -> tuple[ReportedFootfall, ...]:
-    """Of the short walk, as they were told."""
     walk = short_walk()
     stances = CausalStances(CausalParameters())
     found = [*stances.push(walk.t, walk.acc, walk.gyr), *stances.finish()]
@@ -69,7 +68,6 @@ def test_the_newest_part_of_a_walk_stays_as_it_was_told():
 
 
 def straight(count: int, heading: float = 0.0) -> list:
-    """Rows of a walk straight on."""
     R, zero = yaw_rotation(heading), np.zeros(3)
     rest = float(compute_heading(R)), zero, zero, np.eye(4), np.ones(3), 1.0, "none", ""
     return [

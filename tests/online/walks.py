@@ -47,7 +47,6 @@ def in_earth_field(recording: Recording, nav_R_body: Floats) -> Recording:
 
 
 def push(navigator: OnlineNavigator, rows: Floats, cuts: Iterable[int] = ()) -> Found:
-    """Push rows (n, 10) in blocks between `cuts`."""
     found = []
     for start, stop in pairwise([0, *cuts, len(rows)]):
         block = rows[start:stop]
@@ -61,7 +60,6 @@ def walked(
     remark: Callable[[str], None] = lambda words: None,
     cuts: Iterable[int] = (),
 ) -> tuple[OnlineNavigator, Found]:
-    """The navigator of a walk that has ended, and what it told."""
     navigator = OnlineNavigator(options, remark)
     found = push(navigator, rows, cuts)
     return navigator, found + navigator.close()
@@ -69,7 +67,6 @@ def walked(
 
 @cache
 def whole_walk() -> tuple[OnlineNavigator, list[StanceEstimate]]:
-    """The short walk in one block."""
     navigator, found = walked(rows_of(short_walk()))
     return navigator, estimates_of(found)
 
@@ -83,12 +80,10 @@ def worst_difference(one: StanceTable, other: StanceTable) -> float:
 
 
 def estimates_of(found: Iterable[StanceEstimate | Revision]) -> list[StanceEstimate]:
-    """The estimates among what a navigator returned."""
     return [one for one in found if isinstance(one, StanceEstimate)]
 
 
 def revisions_of(found: Iterable[StanceEstimate | Revision]) -> list[Revision]:
-    """The revisions among it."""
     return [one for one in found if isinstance(one, Revision)]
 
 
@@ -108,7 +103,6 @@ def in_field() -> Walk:
 
 
 def fed(walk: Walk, options: OnlineOptions = OnlineOptions(), footfalls: int = FOOTFALLS) -> OnlineSmoother:
-    """The smoother of the first footfalls of a walk."""
     online = smoother_of(walk, options)
     for k in range(footfalls):
         add(online, walk, k)
@@ -121,7 +115,6 @@ def whole(with_field: bool) -> OnlineSmoother:
 
 
 def smoother_of(walk: Walk, options: OnlineOptions = OnlineOptions()) -> OnlineSmoother:
-    """A smoother with all samples of a walk in its buffer."""
     return OnlineSmoother(options, buffer_of(walk))
 
 
@@ -140,12 +133,10 @@ def add(online: OnlineSmoother, walk: Walk, k: int) -> Found:
 
 
 def known_until(walk: Walk, k: int) -> int:
-    """The sample up to which a footfall is known when it is added."""
     return int(walk.stances.stop[walk.stances.footfall == k][-1]) + 5
 
 
 def footfall_at(start: Floats, stop: Floats, stillest: int, continues: bool = False) -> Footfall:
-    """A footfall of these intervals, of whatever threshold."""
     return Footfall(start, stop, np.ones(len(start)), stillest, continues)
 
 

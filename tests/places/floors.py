@@ -56,7 +56,6 @@ def carry(floor: Floor, place: Floats, drift_deg_m: float = 0.0, noise_uT: float
 
 
 def save(path: Signature, sigma_m: float = 0.1) -> SavedPlaces:
-    """Places of a walk, all of one sigma."""
     return SavedPlaces(path, np.full((len(path), 3), sigma_m))
 
 

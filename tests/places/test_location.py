@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 
 from fg_nav.frames import yaw_rotation
-from fg_nav.places import locate
+from fg_nav.places import Signature, locate, recognize_known
+from fg_nav.places.alignment import USUAL_DECAY
 from fg_nav.places.location import DRIFT, MAX_PIECES, MAX_STRETCHES, _covariance_of, _linearize
+from fg_nav.places.overlay import HOP, MIN_DECAY, PIECE, find_decay, overlay_known
 from fg_nav.places.recognition import ALONG_SIGMA_M, HEADING_SIGMA_RAD, LATERAL_SIGMA_M, LONE_EXPECTED, UP_SIGMA_M
+from fg_nav.places.signature import MIN_POINTS
 from tests.places.floors import EARTH, LOOP, OPEN, Floor, along, carry, save
 
 START = np.array([25.0, 0.2])
@@ -119,3 +122,88 @@ def test_errors_of_ties_average_out_over_a_piece_but_that_of_its_height(known):
     drift = DRIFT.heading_rad(0.0 * one, pieces.walked_m) ** 2
     heading = np.diag(_covariance_of(pieces))[3::4]
     np.testing.assert_allclose(heading, HEADING_SIGMA_RAD**2 / pieces.count + drift)
+
+
+# --- a piece of a walk laid on an earlier one as a whole: in a field of long waves
+
+
+SHORT = along([START, (60, 0.2), (60, 7)])
+
+
+def soft(seed: int) -> Floor:
+    """A field of which little is shorter than 10 m, 1 uT strong."""
+    floor = Floor.draw(seed, waves_m=(10.0, 40.0))
+    return replace(floor, strength=0.25 * floor.strength)
+
+
+@pytest.fixture(scope="module")
+def soft_places() -> Signature:
+    return carry(soft(8), along(OPEN), noise_uT=0.1)
+
+
+def walk(seed: int, place=SHORT) -> Signature:
+    return carry(soft(seed), place, noise_uT=0.1, seed=1)
+
+
+def test_a_piece_is_found_where_it_lies_that_no_alignment_shows(soft_places):
+    for path, opposite, earlier in ((SHORT, False, 50.0), (SHORT[::-1], True, 133.0)):
+        found = overlay_known(walk(8, path), soft_places)
+        best = found.stretches[0]
+        assert best.opposite == opposite
+        assert best.expected_false < 1e-6
+        assert best.earlier[0] == pytest.approx(earlier, abs=1.0)
+        assert found.chance.decay == USUAL_DECAY
+    assert all(one.expected_false > LONE_EXPECTED for one in recognize_known(walk(8), soft_places).stretches)
+    located = locate(walk(8), save(soft_places))
+    assert located is not None
+    assert np.linalg.norm(located.start[:2] - START) < 1.0
+
+
+def test_a_walk_on_another_floor_is_not_found(soft_places):
+    for seed in range(20, 26):
+        assert all(one.expected_false > LONE_EXPECTED for one in overlay_known(walk(seed), soft_places).stretches)
+        assert locate(walk(seed), save(soft_places)) is None
+
+
+def test_iron_of_the_shoe_and_a_soft_one_change_nothing(soft_places):
+    path = walk(8)
+    c, s = np.cos(path.heading), np.sin(path.heading)
+    earth = np.stack([c * EARTH[0] + s * EARTH[1], c * EARTH[1] - s * EARTH[0], 0.0 * c + EARTH[2]], axis=1)
+    iron = np.array([3.0, -2.0, 5.0]) + earth @ np.array([[0.05, 0.01, 0.0], [0.02, -0.03, 0.01], [0.0, 0.02, 0.04]])
+    one, other = (overlay_known(replace(path, field=field), soft_places) for field in (path.field, path.field + iron))
+    assert other.stretches[0].score == pytest.approx(one.stretches[0].score, abs=1e-6)
+    assert np.array_equal(other.stretches[0].earlier, one.stretches[0].earlier)
+
+
+def test_a_field_that_is_the_same_everywhere_shows_no_place():
+    places = carry(replace(soft(8), strength=np.zeros(120)), along(OPEN), noise_uT=0.1)
+    assert overlay_known(places, replace(places, field=places.field[::-1])).stretches == ()
+    still = replace(places, field=np.tile(EARTH, (len(places), 1)))
+    assert overlay_known(still, still).stretches == ()
+
+
+def test_where_chance_scores_as_well_as_a_place_nothing_is_recognized():
+    assert find_decay(np.full(100, 2.0)) == MIN_DECAY
+    assert find_decay(np.array([-3.0, -2.0, 1.0])) == USUAL_DECAY
+    assert find_decay(np.array([-1.0, 2.0])) == MIN_DECAY
+    decay = find_decay(np.array([-1.0, -1.0, -1.0, 1.5]))
+    assert 0.75 * np.exp(-decay) + 0.25 * np.exp(1.5 * decay) == pytest.approx(1.0)
+    assert MIN_DECAY < decay < USUAL_DECAY
+
+
+def test_a_walk_of_another_shape_is_not_located(soft_places):
+    """The field of a known corner on a path whose odometry made it straight."""
+    path = walk(8, along([(40, 0), (60, 0), (60, 22)]))
+    straight = np.column_stack([path.distance_m, 0.0 * path.distance_m, path.position[:, 2]])
+    unrolled = replace(path, position=straight)
+    assert overlay_known(unrolled, soft_places).stretches[0].expected_false < LONE_EXPECTED
+    assert locate(unrolled, save(soft_places)) is None
+
+
+def test_pieces_cover_a_long_walk_and_a_short_one_is_left(soft_places):
+    begins = sorted({one.later[0] for one in overlay_known(soft_places, soft_places).stretches})
+    assert begins[0] == 0
+    assert begins[-1] == len(soft_places) - PIECE
+    assert np.diff(begins).max() <= HOP
+    few = Signature(**{name: column[: MIN_POINTS - 1] for name, column in vars(soft_places).items()})
+    assert overlay_known(few, soft_places).stretches == ()

@@ -16,8 +16,8 @@ T = np.arange(len(PLACE)) * 0.04
 UPRIGHT = np.broadcast_to(np.eye(3), (len(PLACE), 3, 3))
 
 
-def traced(t=T, place=PLACE, R=UPRIGHT, mag=None, rows=slice(None)):
-    return trace_signature(t[rows], place[rows], R[rows], (FLOOR.at(PLACE) if mag is None else mag)[rows])
+def traced(place=PLACE, R=UPRIGHT, mag=None, rows=slice(None)):
+    return trace_signature(T[rows], place[rows], R[rows], (FLOOR.at(PLACE) if mag is None else mag)[rows])
 
 
 def test_it_is_the_mean_of_the_field_over_the_distance():

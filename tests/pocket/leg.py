@@ -41,29 +41,29 @@ class Leg:
         )
 
 
-def walking(seconds, rate_hz=100.0, swing_deg=30.0, still_s=1.5, curves=True):
+def walking(seconds, rate_hz=100.0, still_s=1.5, curves=True):
     """z along the thigh: a second and a half at rest, then a swing at 1 Hz, some roll, and curves in yaw."""
     t = np.arange(round(seconds * rate_hz) + 1) / rate_hz
     on = np.clip(t - still_s, 0.0, 1.0)
     s = 2 * np.pi * (t - still_s)
-    pitch = on * np.radians(swing_deg) * np.sin(s)
+    pitch = on * np.radians(30.0) * np.sin(s)
     roll = on * np.radians(5.0) * np.sin(s + 0.8)
     yaw = on * np.radians(6.0) * np.sin(s + 2.0) + (0.7 * np.sin(t / 9.0) if curves else 0.0)
     angles = np.stack([yaw, pitch, roll], axis=1)
     return Leg(Rotation.from_euler("ZYX", angles).as_matrix(), 1.0 / rate_hz)
 
 
-def resting(seconds, rate_hz=50.0, angles=(0.3, 0.1, -0.2)):
+def resting(seconds, angles=(0.3, 0.1, -0.2)):
     """A sensor that lies still with this yaw, pitch and roll, rad."""
     R = Rotation.from_euler("ZYX", angles).as_matrix()
-    return Leg(np.tile(R, (round(seconds * rate_hz) + 1, 1, 1)), 1.0 / rate_hz)
+    return Leg(np.tile(R, (round(seconds * 50.0) + 1, 1, 1)), 1.0 / 50.0)
 
 
-def waved(rng, seconds, rest_s=3.0, rate_hz=100.0, swing_m=0.15):
-    """A hand at rest at first, then turned by some hundred deg/s about all axes, and moved about `swing_m` an axis."""
-    h = 1.0 / rate_hz
-    t = np.arange(round(seconds * rate_hz) + 1) * h
-    since = np.clip((t - rest_s) / 2.0, 0, 1)
+def waved(rng, seconds):
+    """A hand at rest for 3 s, then turned by some hundred deg/s about all axes, and moved about 15 cm an axis."""
+    h = 0.01
+    t = np.arange(round(seconds / h) + 1) * h
+    since = np.clip((t - 3.0) / 2.0, 0, 1)
     on = since**2 * (3 - 2 * since)
 
     def wave(size, low_hz, high_hz):
@@ -71,7 +71,7 @@ def waved(rng, seconds, rest_s=3.0, rate_hz=100.0, swing_m=0.15):
         return size / np.sqrt(2) * np.sin(2 * np.pi * t[:, None, None] * frequency + phase).sum(axis=1)
 
     turned = Rotation.from_rotvec(on[:, None] * wave(0.8, 0.1, 0.6))
-    place = on[:, None] * wave(swing_m, 0.3, 1.0)
+    place = on[:, None] * wave(0.15, 0.3, 1.0)
     acceleration = np.gradient(np.gradient(place, h, axis=0), h, axis=0)
     return Leg(turned.as_matrix(), h, (acceleration[:-1] + acceleration[1:]) / 2)
 
@@ -82,7 +82,6 @@ def start_of(leg, offset=0.0, tilt_sigma=0.01):
 
 
 def error_deg_s(track, bias=BIAS):
-    """Error (3,) of the bias at the end, deg/s."""
     return np.degrees(track.gyro_bias[-1] - bias)
 
 

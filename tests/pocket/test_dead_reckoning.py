@@ -11,19 +11,6 @@ from fg_nav.errors import EstimationError
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.pipeline import navigate
 from fg_nav.pocket import dead_reckoning as reckoning
-from fg_nav.pocket.dead_reckoning import (
-    MOUNTING_SIGMA_DEG,
-    SLOPE_SIGMA,
-    STEP_HEADING_SIGMA_DEG,
-    STEP_SIGMA,
-    StepLength,
-    calibrate_step_length,
-    compute_chords,
-    fuse_fixes,
-    measure_steps,
-    reckon_path,
-    use_step_constant,
-)
 from fg_nav.pocket.steps import Steps, ThighSwing
 from fg_nav.truth import Fix, FixColumns, Gnss, find_turn, select_fixes
 from fg_nav.walk import OWN_GNSS, Options, Walk, read_walk
@@ -46,35 +33,37 @@ STEPS = make_steps(OPENINGS)
 def test_a_length_is_the_mean_of_the_chord_of_two_straight_legs_and_the_walk_ratio():
     feet = np.stack([np.sin(OPENINGS / 2), -np.cos(OPENINGS / 2)], axis=1)
     apart = np.linalg.norm(feet - feet * [-1, 1], axis=1)
-    np.testing.assert_allclose(compute_chords(OPENINGS), apart, rtol=1e-12)
+    np.testing.assert_allclose(reckoning.compute_chords(OPENINGS), apart, rtol=1e-12)
     unseen = make_steps(np.full(3, np.nan), np.array([0.4, 0.5, 0.6]))
-    np.testing.assert_allclose(StepLength().predict(unseen), 0.0062 * 60.0 / unseen.took, rtol=1e-12)
-    by_cadence = measure_steps(make_steps(np.full(len(OPENINGS), np.nan)))
-    np.testing.assert_allclose(measure_steps(STEPS), 0.5 * (apart + by_cadence), rtol=1e-12)
-    assert StepLength().predict(make_steps(np.radians([46.0])))[0] == pytest.approx(0.70, abs=0.02)  # a usual step
+    np.testing.assert_allclose(reckoning.StepLength().predict(unseen), 0.0062 * 60.0 / unseen.took, rtol=1e-12)
+    by_cadence = reckoning.measure_steps(make_steps(np.full(len(OPENINGS), np.nan)))
+    np.testing.assert_allclose(reckoning.measure_steps(STEPS), 0.5 * (apart + by_cadence), rtol=1e-12)
+    assert reckoning.StepLength().predict(make_steps(np.radians([46.0])))[0] == pytest.approx(
+        0.70, abs=0.02
+    )  # a usual step
 
 
 def test_a_known_distance_gives_back_the_constant_and_what_no_person_walks_is_refused():
-    known = StepLength(0.77).predict(STEPS).sum()
-    law = calibrate_step_length(STEPS, known)
+    known = reckoning.StepLength(0.77).predict(STEPS).sum()
+    law = reckoning.calibrate_step_length(STEPS, known)
     assert law.constant_m == pytest.approx(0.77)
-    assert law.sigma < StepLength().sigma
+    assert law.sigma < reckoning.StepLength().sigma
     assert law.predict(STEPS).sum() == pytest.approx(known)
     for distance in (0.0, -3.0, np.nan, np.inf, 1000.0):
         with pytest.raises(EstimationError, match="known distance"):
-            calibrate_step_length(STEPS, distance)
+            reckoning.calibrate_step_length(STEPS, distance)
     with pytest.raises(EstimationError, match="no step"):
-        calibrate_step_length(make_steps(np.zeros(0)), 10.0)
+        reckoning.calibrate_step_length(make_steps(np.zeros(0)), 10.0)
     for constant in (0.1, 3.0, np.nan):
         with pytest.raises(EstimationError, match="no person's"):
-            use_step_constant(constant)
+            reckoning.use_step_constant(constant)
 
 
 # the path
 
 RATE_HZ = 20
 STEP = 10  # Samples to a step.
-LAW = StepLength(0.9, sigma=0.05)
+LAW = reckoning.StepLength(0.9, sigma=0.05)
 
 
 def given(headings, twist_deg=0.0, sigma=0.0):
@@ -94,22 +83,22 @@ def given(headings, twist_deg=0.0, sigma=0.0):
 
 def test_a_path_north_and_then_east_whatever_the_twist_of_the_pelvis():
     track, swing, steps = given([0.0] * 30 + [np.pi / 2] * 20)
-    path = reckon_path(track, swing, steps, LAW)
+    path = reckoning.reckon_path(track, swing, steps, LAW)
     length = LAW.predict(steps)[0]
     np.testing.assert_allclose(path.length, length)
     np.testing.assert_allclose(path.position[59], [0.0, 30 * length, 0.0], atol=0.5 * length)
     np.testing.assert_allclose(path.position[-1], [20 * length, 30 * length, 0.0], atol=length)
     np.testing.assert_allclose(path.heading[[0, 20, 40]], [0.0, 0.0, np.pi / 2], atol=1e-9)
     assert (path.sample[1::2] == steps.stop).all()
-    assert np.sqrt(path.covariance[-1, 2, 2]) == pytest.approx(SLOPE_SIGMA * 50 * length)
+    assert np.sqrt(path.covariance[-1, 2, 2]) == pytest.approx(reckoning.SLOPE_SIGMA * 50 * length)
     assert np.trace(path.covariance[0]) == 0.0
-    plain, twisted = (reckon_path(*given([0.4] * 40, twist_deg=twist), LAW) for twist in (0.0, 12.0))
+    plain, twisted = (reckoning.reckon_path(*given([0.4] * 40, twist_deg=twist), LAW) for twist in (0.0, 12.0))
     assert np.degrees(np.abs(twisted.heading - plain.heading)).max() < 0.5
 
 
 def test_turned_about_up_it_is_the_same_path_turned():
     headings = np.linspace(0.0, 3.0, 40)
-    one, other = reckon_path(*given(headings), LAW), reckon_path(*given(headings + 1.1), LAW)
+    one, other = reckoning.reckon_path(*given(headings), LAW), reckoning.reckon_path(*given(headings + 1.1), LAW)
     turn = Rotation.from_euler("z", -1.1).as_matrix()
     np.testing.assert_allclose(other.position, one.position @ turn.T, atol=1e-9)
     np.testing.assert_allclose(other.covariance, turn @ one.covariance @ turn.T, atol=1e-9)
@@ -126,12 +115,14 @@ COURSES = {
 def test_the_covariance_is_that_of_the_draws(course):
     """Each source of error drawn as the model has it; heading loses more and more, from 3 to 8 deg."""
     track, swing, steps = given(COURSES[course], sigma=np.radians(np.linspace(3.0, 8.0, 640)))
-    path, rng, size = reckon_path(track, swing, steps, LAW), np.random.default_rng(3), (4000, 60)
+    path, rng, size = reckoning.reckon_path(track, swing, steps, LAW), np.random.default_rng(3), (4000, 60)
     growth = np.sqrt(np.diff(track.sigma[(steps.start + steps.stop) // 2, 2] ** 2, prepend=0.0))
     drift = np.cumsum(growth * rng.standard_normal(size), axis=1)
-    drift += np.radians(MOUNTING_SIGMA_DEG) * rng.standard_normal((4000, 1))
-    drift += np.radians(STEP_HEADING_SIGMA_DEG) * rng.standard_normal(size)
-    length = path.length * (1 + LAW.sigma * rng.standard_normal((4000, 1)) + STEP_SIGMA * rng.standard_normal(size))
+    drift += np.radians(reckoning.MOUNTING_SIGMA_DEG) * rng.standard_normal((4000, 1))
+    drift += np.radians(reckoning.STEP_HEADING_SIGMA_DEG) * rng.standard_normal(size)
+    length = path.length * (
+        1 + LAW.sigma * rng.standard_normal((4000, 1)) + reckoning.STEP_SIGMA * rng.standard_normal(size)
+    )
     forward = np.stack([np.sin(path.heading), np.cos(path.heading)], axis=1)
     left = np.stack([-forward[:, 1], forward[:, 0]], axis=1)
     ends = length @ forward + (path.length * drift) @ left
@@ -142,7 +133,7 @@ def test_the_covariance_is_that_of_the_draws(course):
 def test_a_sigma_of_heading_that_falls_does_not_take_back_what_was_lost():
     track, swing, steps = given(np.zeros(40), sigma=np.radians(5.0))
     falling = track._replace(sigma=track.sigma * np.linspace(1.0, 0.1, len(track.t))[:, None])
-    one, other = (reckon_path(one, swing, steps, LAW).covariance[-1] for one in (track, falling))
+    one, other = (reckoning.reckon_path(one, swing, steps, LAW).covariance[-1] for one in (track, falling))
     np.testing.assert_allclose(other, one, rtol=0.3)
 
 
@@ -170,7 +161,9 @@ def walk_with_fixes(seed, sigma=3.0, outliers=0.0, every=2, spread=0.0):
         spread * sigmas[:, None] * rng.standard_normal((2, n)), 1
     )
     own, bent = (
-        spread * np.array([[reckoning.STEP_SIGMA], [np.radians(STEP_HEADING_SIGMA_DEG)]]) * rng.standard_normal((2, n))
+        spread
+        * np.array([[reckoning.STEP_SIGMA], [np.radians(reckoning.STEP_HEADING_SIGMA_DEG)]])
+        * rng.standard_normal((2, n))
     )
     moved = (np.exp(scale) * (1 + own))[:, None] * rotate(steps, turn + bent)
     true = np.pad(np.cumsum(moved, axis=0), ((1, 0), (0, 0))) + np.array([30.0, -20.0])
@@ -185,7 +178,7 @@ def walk_with_fixes(seed, sigma=3.0, outliers=0.0, every=2, spread=0.0):
 def test_heading_and_scale_come_back(heading_sigma, outliers):
     t, steps, true, fixes = walk_with_fixes(1, outliers=outliers)
     fixes[40] = replace(fixes[40], position=np.array([500.0, 0.0, 0.0]))
-    fused = fuse_fixes(t, steps, fixes, heading_sigma, 0.1)
+    fused = reckoning.fuse_fixes(t, steps, fixes, heading_sigma, 0.1)
     assert np.degrees(np.mean(fused.turn)) == pytest.approx(25.0, abs=3.0)
     assert np.degrees(fused.turn[0]) == pytest.approx(25.0, abs=8.0)  # smoothed from what came later
     assert np.exp(np.mean(fused.log_scale)) == pytest.approx(SCALE, abs=0.03)
@@ -199,7 +192,7 @@ def test_its_sigmas_are_those_of_its_errors_and_fixes_that_share_an_error_count_
     nees = []
     for seed in range(12):
         t, steps, true, fixes = walk_with_fixes(seed, sigma=0.3, every=20, spread=1.0)  # 11 s apart: independent
-        fused = fuse_fixes(t, steps, fixes, np.radians(30.0), 0.1)
+        fused = reckoning.fuse_fixes(t, steps, fixes, np.radians(30.0), 0.1)
         off = np.column_stack([fused.position, fused.turn, fused.log_scale])[:-1] - true
         for part in (slice(0, 2), slice(2, 3), slice(3, 4)):
             inverse = np.linalg.inv(fused.covariance[:-1, part, part])
@@ -249,7 +242,7 @@ def test_what_cannot_be_is_refused_in_a_sentence():
     late = [replace(fix, time_s=fix.time_s + 1e4) for fix in fixes]
     for few, words in ((fixes[:2], "2 of 2 fixes are within the walk"), (late, "recording's own time")):
         with pytest.raises(EstimationError, match=words):
-            fuse_fixes(t, steps, few, 0.1, 0.1)
+            reckoning.fuse_fixes(t, steps, few, 0.1, 0.1)
     thigh = simulate("demo", 101, Choices(worn="pocket")).recording
     gnss = fixes_of(thigh, 2.0, 0)
     with pytest.raises(EstimationError, match="not combined"):

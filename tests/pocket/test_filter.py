@@ -7,7 +7,6 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from fg_nav.errors import EstimationError
-from fg_nav.frames import yaw_rotation
 from fg_nav.lab.reproduce.munoz_diaz2017.as_printed import Misprints, estimate_as_printed
 from fg_nav.pocket import PocketParameters, estimate_pocket
 from fg_nav.pocket import filter as defaults
@@ -53,34 +52,14 @@ def test_gravity_shows_the_level_biases_and_not_the_upright_one():
     assert not track.field_used.any()
 
 
-def test_the_field_shows_all_three_to_a_leg_that_swings_and_with_gravity_the_paper_s_sensor_its_biases(
-    walk, steady, noisy
-):
+def test_the_field_shows_all_three_to_a_leg_that_swings(walk, steady):
     track = estimate_pocket(steady, FIELD_ALONE, start_of(walk))
     assert np.abs(error_deg_s(track)).max() < 0.02
     assert np.isnan(track.gravity_nis).all()
     assert track.field_used[60:].all()
-    track = estimate_pocket(noisy, WIDE)
-    assert np.abs(error_deg_s(track)).max() < 0.02
-    assert tilt_deg(track, walk)[1000:].max() < 1.0
-    P = track.covariance
-    assert P.shape == (60, 6, 6)
-    assert np.array_equal(np.sqrt(np.diagonal(P, axis1=1, axis2=2)), track.sigma[track.covariance_sample])
-    assert np.allclose(P, P.transpose(0, 2, 1), rtol=1e-9, atol=1e-18)
-    assert (np.linalg.eigvalsh(P) > 0).all()
-    assert np.allclose(track.nav_R_body @ track.nav_R_body.transpose(0, 2, 1), np.eye(3), atol=1e-9)
 
 
-def test_nothing_hangs_on_the_heading_at_the_start_and_angles_and_rotations_find_the_same(walk, noisy):
-    for angles in (False, True):
-        here, there = (
-            estimate_as_printed(noisy, WIDE, start_of(walk, offset), RIGHT._replace(angles=angles))
-            for offset in (0.0, 2.0)
-        )
-        assert np.allclose(here.gyro_bias, there.gyro_bias, atol=1e-11)
-        assert np.allclose(yaw_rotation(2.0) @ here.nav_R_body, there.nav_R_body, atol=1e-9)
-        assert np.allclose(here.sigma[:, 2:], there.sigma[:, 2:], rtol=1e-6)
-        assert np.allclose(np.hypot(*here.sigma[:, :2].T), np.hypot(*there.sigma[:, :2].T), rtol=1e-6)
+def test_angles_find_what_rotations_find(noisy):
     parameters = replace(WIDE, gravity_window_s=0.0)
     free = estimate_pocket(noisy, parameters)
     same, angles = (estimate_as_printed(noisy, parameters, misprints=RIGHT._replace(angles=e)) for e in (False, True))

@@ -155,7 +155,6 @@ def problem():
 
 
 def one(nodes, k, x):
-    """Nodes with the k-th changed by x (27,)."""
     all_x = np.zeros((len(nodes.b), SIZE))
     all_x[k] = x
     return inject_correction(nodes, all_x)

@@ -32,7 +32,6 @@ def standing(seconds, at=0.0):
 
 
 def moved(begin, end, seconds):
-    """From one angle to another, smoothly."""
     t = np.linspace(0.0, 1.0, round(seconds * RATE_HZ))
     return begin + (end - begin) * (1 - np.cos(np.pi * t)) / 2
 

@@ -298,6 +298,10 @@ def test_the_command_writes_several_files(fg_nav: FgNav, folder: Path) -> None:
     assert json.loads(ran.out)["files"] == ["b.gpx"]
     assert json.loads(ran.out)["footfalls"] == len(AT)
     assert json.loads(ran.out)["remarks"] == []
+    for name, words in (("plain", ()), ("turned", ("--turn", "90"))):
+        assert fg_nav("export", folder, f"{name}.tum", *words).code == 0
+    plain, turned = np.loadtxt("plain.tum"), np.loadtxt("turned.tum")
+    np.testing.assert_allclose(turned[:, 1:4], plain[:, [2, 1, 3]] * [1, -1, 1], atol=1e-6)  # north becomes east
     before = Path("a.mat").read_bytes()
     assert fg_nav("export", folder, "a.mat").refused("a.mat already exists", "--force")
     assert Path("a.mat").read_bytes() == before

@@ -37,7 +37,7 @@ from fg_nav.smoother.solver import CONVERGENCE
 from fg_nav.smoother.strides import place_nodes, preintegrate
 from fg_nav.solution import Solution
 from tests.simulated import LEVER, SimulatedFoot, straight_walk
-from tests.smoother.walks import DEFAULT, Walk, demo, dense_log_evidence, noise_free, part
+from tests.smoother.walks import DEFAULT, NO_REST, Walk, demo, dense_log_evidence, noise_free, part
 
 # --- the noise of the swing
 
@@ -100,7 +100,6 @@ GIVEN = replace(DEFAULT, choose_swing_noise=False, gyr_relative_density=1e-4, gy
 
 
 def walking(walk: Walk, density: float) -> Walk:
-    """The walk with a gyro bias that walks besides, deg/s/sqrt(s)."""
     r = walk.recording
     steps = np.random.default_rng(0).standard_normal(r.gyr.shape) * np.sqrt(r.period_s)
     return Walk(replace(r, gyr=r.gyr + np.radians(density) * np.cumsum(steps, axis=0)), walk.stances)
@@ -188,13 +187,13 @@ def test_errors_over_sigmas_are_one_for_sensors_of_all_kinds() -> None:
     np.testing.assert_allclose(np.sqrt(np.mean(np.square(z), axis=0)), 1.0, atol=0.1)
 
 
-NO_RESTS = replace(DEFAULT, rest=replace(DEFAULT.rest, shortest_s=1e3, shortest_at_end_s=1e3))
-
-
 @cache
 def with_bias(added_deg_s: tuple[float, float, float], expected: bool = False) -> Solution:
     """The demo with a gyroscope that is off by so much more, without a rest; and maybe expected to be."""
-    recording, p = demo().recording, replace(NO_RESTS, gyro_bias_deg_s=added_deg_s if expected else (0.0, 0.0, 0.0))
+    recording, p = (
+        demo().recording,
+        replace(DEFAULT, rest=NO_REST, gyro_bias_deg_s=added_deg_s if expected else (0.0, 0.0, 0.0)),
+    )
     return smooth(replace(recording, gyr=recording.gyr + np.radians(added_deg_s)), demo().stances, p, 0.0)
 
 

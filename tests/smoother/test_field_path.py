@@ -10,25 +10,10 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.factors.magnetic_field import E_H, SIZE, FieldPotential
 from fg_nav.frames import yaw_rotation
 from fg_nav.lab.simulation.fields import magnet
-from fg_nav.smoother.field_factors import (
-    ASSUMED_SHARE,
-    MIN_REGIONAL_UT,
-    MIN_SIGMA_UT,
-    PATH_SIGMA_UT_M,
-    POTENTIAL_PER_FIELD_M,
-    REGIONAL_LENGTH_M,
-    REGIONAL_SHARE,
-    FieldPath,
-    FieldRoughness,
-    Roughness,
-    deviate_along,
-    integrate_path,
-    measure_roughness,
-    split_potential,
-)
+from fg_nav.smoother import field_factors
 
 EARTH = np.array([3.0, 20.0, -43.0])
-STRIDES, STRIDE_M, STRIDE_S, STANDS = 12, 1.3, 1.1, 0.4
+RATE_HZ, STRIDES, STRIDE_M, STRIDE_S, STANDS = 200.0, 12, 1.3, 1.1, 0.4
 MOUNT = Rotation.from_euler("xyz", [6.0, -15.0, 20.0], degrees=True).as_matrix()
 MOMENT = np.array([2.0, -1.0, 3.0])
 
@@ -52,40 +37,26 @@ class Trodden:
         return replace(self, position=self.position @ turn.T, nav_R_body=turn @ self.nav_R_body)
 
 
-def round_a_circle(rate_hz: float = 200.0, clearance_m: float = 0.15, mount: Floats = MOUNT) -> Trodden:
+def round_a_circle(mount: Floats = MOUNT) -> Trodden:
     """Once round: the foot stands, and swings with its heel up and then its toes."""
-    n = round(STRIDES * STRIDE_S * rate_hz) + 1
-    t = np.arange(n) / rate_hz
+    n = round(STRIDES * STRIDE_S * RATE_HZ) + 1
+    t = np.arange(n) / RATE_HZ
     stride, phase = np.divmod(t / STRIDE_S + 1e-9, 1.0)
     swing = np.clip((phase - STANDS) / (1.0 - STANDS), 0.0, 1.0)
     angle = 2 * np.pi * (stride + swing**2 * (3 - 2 * swing)) / STRIDES
     radius = STRIDES * STRIDE_M / (2 * np.pi)
-    up = clearance_m * np.sin(np.pi * swing) ** 2
+    up = 0.15 * np.sin(np.pi * swing) ** 2
     position = np.stack([radius * np.cos(angle), radius * np.sin(angle), up], axis=1)
     ahead = Rotation.from_rotvec(np.outer(angle + np.pi / 2, [0.0, 0.0, 1.0]))
     pitch = Rotation.from_rotvec(np.outer(0.9 * np.sin(2 * np.pi * swing), [0.0, 1.0, 0.0]))
     attitude = ahead * pitch * Rotation.from_matrix(mount)
-    footfall = np.round(np.arange(STRIDES + 1) * STRIDE_S * rate_hz).astype(np.int64)
+    footfall = np.round(np.arange(STRIDES + 1) * STRIDE_S * RATE_HZ).astype(np.int64)
     return Trodden(t, position, attitude.as_matrix(), footfall)
 
 
-def along(trodden: Trodden, mag: Floats, up_uT: float = EARTH[2]) -> FieldPath:
-    return integrate_path(trodden.t, mag, trodden.position, trodden.nav_R_body, trodden.footfall, up_uT)
-
-
-def moves(trodden: Trodden) -> Floats:
-    return np.diff(trodden.position[trodden.footfall], axis=0)
-
-
-def test_a_homogeneous_field_integrates_to_itself_times_the_move() -> None:
-    trodden = round_a_circle()
-    way = along(trodden, trodden.mag(EARTH))
-    np.testing.assert_allclose(way.u, moves(trodden)[:, :2] @ EARTH[:2], atol=1e-9)
-    assert np.ptp(way.u) > 40.0  # there and back
-    np.testing.assert_allclose(way.distance_m, np.linalg.norm(moves(trodden), axis=1))
-    in_body = np.einsum("nij,nj->ni", way.nav_R_level, way.body_move)
-    np.testing.assert_allclose(in_body, moves(trodden), atol=1e-12)
-    np.testing.assert_array_equal(way.sigma_uT_m, PATH_SIGMA_UT_M)
+def along(trodden: Trodden, mag: Floats) -> field_factors.FieldPath:
+    walked = trodden.position, trodden.nav_R_body, trodden.footfall
+    return field_factors.integrate_path(trodden.t, mag, *walked, EARTH[2])
 
 
 @pytest.mark.parametrize("angle", [0.3, -2.0, np.pi])
@@ -110,7 +81,7 @@ def test_attitudes_that_are_tilted_give_the_residual_of_the_true_ones() -> None:
     assert np.abs(left).max() < 0.01 * np.abs(tilted.u - true.u).max()
 
 
-def residual_of(path: FieldPath, trodden: Trodden) -> Floats:
+def residual_of(path: field_factors.FieldPath, trodden: Trodden) -> Floats:
     """Of the line integrals at the true poses, uT m; without a potential."""
     poses = np.zeros((len(path.u), 4, 4))
     poses[:, :3, :3] = trodden.nav_R_body[trodden.footfall[:-1]]
@@ -120,25 +91,6 @@ def residual_of(path: FieldPath, trodden: Trodden) -> Floats:
         path.u, path.level_path, path.by_up, path.body_move, path.nav_R_level, np.ones(len(path.u))
     )
     return integrals.evaluate([poses, state, state], with_jacobians=False)[0][:, 0]
-
-
-def test_a_false_climb_adds_nothing() -> None:
-    trodden = round_a_circle()
-    climb = np.outer(0.05 * trodden.t, [0.0, 0.0, 1.0])
-    climbing = replace(trodden, position=trodden.position + climb)
-    mag = trodden.mag(EARTH)
-    true = along(trodden, mag).u
-    np.testing.assert_allclose(along(climbing, mag).u, true, atol=1e-9)
-    without = along(climbing, mag, up_uT=0.0).u
-    np.testing.assert_allclose(without - true, EARTH[2] * 0.05 * STRIDE_S, atol=1e-9)
-
-
-def test_hard_iron_adds_its_part_along_the_way() -> None:
-    trodden, iron = round_a_circle(), np.array([0.5, -1.0, 15.0])
-    way = along(trodden, trodden.mag(EARTH, iron))
-    of_iron = way.u - along(trodden, trodden.mag(EARTH)).u
-    np.testing.assert_allclose(of_iron, way.level_path @ (way.level_R_body @ iron), atol=1e-9)
-    assert np.abs(of_iron).min() > 0.1
 
 
 def test_rows_without_a_sample_are_passed_over() -> None:
@@ -192,7 +144,6 @@ def test_forward_is_the_body_s_x_axis_as_far_as_it_is_level(tilt_deg: float, rol
     np.testing.assert_allclose(R @ up, [0.0, 0.0, 1.0], atol=1e-9)
 
 
-STRIDE_M = 1.3
 SEEDS = range(20)
 
 
@@ -207,33 +158,33 @@ def draw(rng: np.random.Generator, sigma: float, length_m: float, distance_m: Fl
 
 
 def draw_field(
-    seed: int, white_uT: float, across: Roughness, regional_uT: float, count: int = 4000
+    seed: int, white_uT: float, across: field_factors.Roughness, regional_uT: float, count: int = 4000
 ) -> tuple[Floats, Floats]:
     """Deviations at footfalls, and the strides between them."""
     rng = np.random.default_rng(seed)
     distance = STRIDE_M * (1 + 0.1 * rng.uniform(-1, 1, count))
     own = white_uT * rng.standard_normal(count + 1)
     alike = draw(rng, across.sigma, across.length_m, distance)
-    return own + alike + draw(rng, regional_uT, REGIONAL_LENGTH_M, distance), distance
+    return own + alike + draw(rng, regional_uT, field_factors.REGIONAL_LENGTH_M, distance), distance
 
 
-def measure(deviation: Floats, distance_m: Floats) -> FieldRoughness:
-    return measure_roughness(deviation, np.ones(len(deviation), dtype=np.bool_), distance_m)
+def measure(deviation: Floats, distance_m: Floats) -> field_factors.FieldRoughness:
+    return field_factors.measure_roughness(deviation, np.ones(len(deviation), dtype=np.bool_), distance_m)
 
 
 @pytest.mark.parametrize(
     ("white_uT", "across", "regional_uT"),
     [
-        (5.0, Roughness(4.0, 3.0), 2.0),
-        (2.0, Roughness(2.0, 2.0), 2.0),
-        (0.0, Roughness(5.0, 1.5), 0.0),
-        (0.0, Roughness(5.0, 6.0), 0.0),
-        (5.0, Roughness(0.0, 3.0), 0.0),
-        (5.0, Roughness(0.0, 3.0), 2.0),
+        (5.0, field_factors.Roughness(4.0, 3.0), 2.0),
+        (2.0, field_factors.Roughness(2.0, 2.0), 2.0),
+        (0.0, field_factors.Roughness(5.0, 1.5), 0.0),
+        (0.0, field_factors.Roughness(5.0, 6.0), 0.0),
+        (5.0, field_factors.Roughness(0.0, 3.0), 0.0),
+        (5.0, field_factors.Roughness(0.0, 3.0), 2.0),
     ],
 )
 def test_spread_length_and_regional_part_of_a_process_are_found(
-    white_uT: float, across: Roughness, regional_uT: float
+    white_uT: float, across: field_factors.Roughness, regional_uT: float
 ) -> None:
     """A walk of 5 km: the mean over seeds to a tenth of the whole spread, one alone to a third."""
     found = [measure(*draw_field(seed, white_uT, across, regional_uT)) for seed in SEEDS]
@@ -242,13 +193,15 @@ def test_spread_length_and_regional_part_of_a_process_are_found(
     whole = np.linalg.norm(expected)
     np.testing.assert_allclose((parts**2).mean(axis=0), expected**2, atol=0.1 * whole**2)
     np.testing.assert_allclose(parts**2, np.tile(expected**2, (len(parts), 1)), atol=0.33 * whole**2)
-    np.testing.assert_allclose([one.potential.sigma for one in found], POTENTIAL_PER_FIELD_M * whole, rtol=0.1)
+    np.testing.assert_allclose(
+        [one.potential.sigma for one in found], field_factors.POTENTIAL_PER_FIELD_M * whole, rtol=0.1
+    )
     if across.sigma > 0.3 * whole:
         assert np.mean([one.across.length_m for one in found]) == pytest.approx(across.length_m, rel=0.15)
 
 
 def test_a_magnet_on_the_way_does_not_set_the_scale() -> None:
-    deviation, distance = draw_field(3, 1.0, Roughness(2.0, 3.0), 0.5, 300)
+    deviation, distance = draw_field(3, 1.0, field_factors.Roughness(2.0, 3.0), 0.5, 300)
     clean = measure(deviation, distance)
     deviation[[20, 21, 150, 290]] = 500.0, -300.0, 1e4, -80.0
     found = measure(deviation, distance)
@@ -259,9 +212,11 @@ def test_a_magnet_on_the_way_does_not_set_the_scale() -> None:
 
 
 def test_footfalls_that_were_not_seen_are_left_out() -> None:
-    deviation, distance = draw_field(6, 1.0, Roughness(3.0, 4.0), 1.0)
+    deviation, distance = draw_field(6, 1.0, field_factors.Roughness(3.0, 4.0), 1.0)
     seen = np.arange(len(deviation)) % 5 > 0
-    found, hidden = (measure_roughness(np.where(seen, deviation, value), seen, distance) for value in (np.nan, 1e3))
+    found, hidden = (
+        field_factors.measure_roughness(np.where(seen, deviation, value), seen, distance) for value in (np.nan, 1e3)
+    )
     assert found == hidden
     whole = measure(deviation, distance)
     assert found.across.sigma == pytest.approx(whole.across.sigma, rel=0.1)
@@ -271,25 +226,27 @@ def test_footfalls_that_were_not_seen_are_left_out() -> None:
 
 def test_a_short_walk_keeps_to_what_was_assumed() -> None:
     """Eight strides, of which each deviates for itself or all alike."""
-    for across in (Roughness(0.0, 3.0), Roughness(4.0, 300.0)):
+    for across in (field_factors.Roughness(0.0, 3.0), field_factors.Roughness(4.0, 300.0)):
         found = [measure(*draw_field(seed, 5.0 - across.sigma, across, 0.0, 8)) for seed in SEEDS]
-        whole = np.array([one.potential.sigma / POTENTIAL_PER_FIELD_M for one in found])
+        whole = np.array([one.potential.sigma / field_factors.POTENTIAL_PER_FIELD_M for one in found])
         shares = np.array([[one.across.sigma, one.regional.sigma] for one in found]) ** 2 / whole[:, None] ** 2
-        np.testing.assert_allclose(shares.mean(axis=0), [ASSUMED_SHARE, REGIONAL_SHARE], atol=0.15)
+        np.testing.assert_allclose(
+            shares.mean(axis=0), [field_factors.ASSUMED_SHARE, field_factors.REGIONAL_SHARE], atol=0.15
+        )
 
 
 @pytest.mark.parametrize("seen", [np.zeros(30, dtype=np.bool_), np.arange(30) == 29], ids=["none", "the last"])
 def test_where_nothing_was_seen_the_spread_is_the_sensor_s(seen: np.ndarray) -> None:
-    found = measure_roughness(np.zeros(30), seen, np.full(29, STRIDE_M))
-    assert found.potential.sigma == pytest.approx(POTENTIAL_PER_FIELD_M * MIN_SIGMA_UT)
-    assert found.across.sigma == found.regional.sigma == MIN_REGIONAL_UT
+    found = field_factors.measure_roughness(np.zeros(30), seen, np.full(29, STRIDE_M))
+    assert found.potential.sigma == pytest.approx(field_factors.POTENTIAL_PER_FIELD_M * field_factors.MIN_SIGMA_UT)
+    assert found.across.sigma == found.regional.sigma == field_factors.MIN_REGIONAL_UT
     assert found.white_uT < 0.02
 
 
 def test_the_changes_of_a_potential_keep_their_variance_where_a_share_of_it_is_lost() -> None:
-    one, distance = Roughness(6.0, 12.0), np.array([0.0, 1.3, 40.0])
+    one, distance = field_factors.Roughness(6.0, 12.0), np.array([0.0, 1.3, 40.0])
     for share in (0.0, 0.3, 0.9):
-        telescoping, noise = split_potential(one, share, distance)
+        telescoping, noise = field_factors.split_potential(one, share, distance)
         changes = 2.0 * telescoping.sigma**2 * (1.0 - telescoping.correlation(distance)) + noise**2
         np.testing.assert_allclose(changes, 2.0 * one.sigma**2 * (1.0 - one.correlation(distance)))
 
@@ -301,7 +258,7 @@ def test_a_deviation_along_the_field_hardly_hangs_on_the_heading() -> None:
     turn = np.radians(1.0)
     turned = field.copy()
     turned[:, :2] = field[:, :2] @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-    along, same = deviate_along(field, reference), deviate_along(turned, reference)
+    along, same = field_factors.deviate_along(field, reference), field_factors.deviate_along(turned, reference)
     np.testing.assert_allclose(along, same, atol=0.07)
     expected = field[:, :2] @ reference[0] / np.hypot(6.0, 19.0)
     np.testing.assert_allclose(along, expected - np.median(expected))

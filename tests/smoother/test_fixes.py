@@ -13,16 +13,12 @@ from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
 from fg_nav.factors import guarded_factor
 from fg_nav.frames import compute_heading, yaw_rotation
-from fg_nav.magnetic import FootfallField, average_footfall_field
-from fg_nav.recording import Recording
+from fg_nav.magnetic import average_footfall_field
 from fg_nav.smoother import ExtraFactors, GraphNodes, SmoothedWalk, smooth, smooth_graph
 from fg_nav.smoother.constraints import FIX_SPEED_M_S, KnownTies, pin_to_times, select_reached_fixes
-from fg_nav.smoother.parameters import WalkParameters
 from fg_nav.solution import Solution
 from fg_nav.truth import Fix
 from tests.smoother.walks import DEFAULT, Walk, demo, part, smoothed
-
-P = WalkParameters()
 
 
 def inertial() -> Solution:
@@ -47,18 +43,8 @@ def fixes_at(
     return [Fix(float(table.t[k]), place[table.sample[k]], sigma, vertical) for k in footfalls]
 
 
-def with_fixes(
-    fixes: Sequence[Fix], heading: float | None = None, field: FootfallField | None = None, p: WalkParameters = P
-) -> Solution:
-    recording = demo().recording if field is None else with_field(demo().recording)
-    return smooth(recording, demo().stances, replace(DEFAULT, walk=p), heading, field=field, fixes=fixes)
-
-
-def with_field(recording: Recording) -> Recording:
-    """In a homogeneous field that points to the true north of the truth's own frame."""
-    rng = np.random.default_rng(0)
-    field = recording.truth.nav_R_body.transpose(0, 2, 1) @ np.array([0.0, 20.0, -43.0])
-    return replace(recording, mag=field + rng.normal(0, 0.3, field.shape))
+def with_fixes(fixes: Sequence[Fix], heading: float | None = None) -> Solution:
+    return smooth(demo().recording, demo().stances, DEFAULT, heading, fixes=fixes)
 
 
 def errors(found: Solution, turn_deg: float = 0.0) -> Floats:
@@ -109,7 +95,9 @@ def test_where_fixes_show_north_the_direction_of_the_field_is_found() -> None:
     Not all: before the walk compass and fixes have the same north to within 2 deg.
     """
     west_deg = 1.5
-    walk = with_field(demo().recording)
+    mag = demo().recording.truth.nav_R_body.transpose(0, 2, 1) @ np.array([0.0, 20.0, -43.0])
+    mag += np.random.default_rng(0).normal(0, 0.3, mag.shape)
+    walk = replace(demo().recording, mag=mag)
     field = average_footfall_field(walk, demo().stances)
     table, turn = inertial().stances, yaw_rotation(np.radians(west_deg))
     place = (walk.truth.position - walk.truth.position[table.sample[0]])[table.sample] @ turn.T
@@ -137,23 +125,6 @@ def test_fixes_and_own_factors_join_the_nearest_node_within_reach_and_their_sigm
     assert [nodes.at(float(t)) for t in (nodes.t[3], nodes.t[3] + 1e-3, nodes.t[-1] + 1.49)] == [3, 3, len(nodes.t) - 1]
     with pytest.raises(EstimationError, match=r"no node within 1\.5 s"):
         nodes.at(float(nodes.t[-1]) + 1.51)
-
-
-@pytest.mark.parametrize(
-    ("fix", "words"),
-    [
-        (Fix(-100.0, np.zeros(3), 1.0), "outside the walk"),
-        (Fix(1000.0, np.zeros(3), 1.0), "outside the walk"),
-        (Fix(np.nan, np.zeros(3), 1.0), "outside the walk"),
-        (Fix(5.0, np.full(3, np.nan), 1.0), "finite position and sigmas above zero"),
-        (Fix(5.0, np.zeros(3), 0.0), "finite position and sigmas above zero"),
-        (Fix(5.0, np.zeros(3), 1.0, -1.0), "finite position and sigmas above zero"),
-    ],
-)
-def test_a_fix_outside_the_walk_or_without_place_or_sigma_is_refused(fix: Fix, words: str) -> None:
-    with pytest.raises(EstimationError, match=words) as caught:
-        with_fixes([fix])
-    assert str(caught.value).count(". ") == 0
 
 
 # --- places known from an earlier walk
@@ -298,7 +269,17 @@ REFUSED: dict[str, Callable[[GraphNodes], object]] = {
 }
 
 
-def test_what_cannot_join_is_refused() -> None:
-    for words, extra in REFUSED.items():
-        with pytest.raises(EstimationError, match=words):
-            join(extra)  # type: ignore[arg-type]
+def test_what_cannot_join_is_refused_in_a_sentence() -> None:
+    fix, walk = Fix(5.0, np.zeros(3), 1.0), part(demo(), FOOTFALLS)
+    outside = [replace(fix, time_s=t) for t in (-100.0, 1000.0, np.nan)]
+    odd = [replace(fix, position=NOWHERE), replace(fix, horizontal_sigma_m=0.0), replace(fix, vertical_sigma_m=-1.0)]
+    field = average_footfall_field(replace(walk.recording, mag=walk.recording.acc), walk.stances)
+    for words, given in (
+        *((words, {"extra": extra}) for words, extra in REFUSED.items()),
+        *(("outside the walk", {"fixes": [one]}) for one in outside),
+        *(("finite position and sigmas above zero", {"fixes": [one]}) for one in odd),
+        ("no magnetometer", {"field": field}),
+    ):
+        with pytest.raises(EstimationError, match=words) as caught:
+            smooth_graph(walk.recording, walk.stances, DEFAULT, 0.0, **given)
+        assert ". " not in str(caught.value)

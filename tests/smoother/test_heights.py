@@ -21,21 +21,8 @@ from fg_nav.lab.simulation.routes import stairs
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import OnlineOptions, rows_of
 from fg_nav.recording import Recording
-from fg_nav.smoother import smooth
+from fg_nav.smoother import heights, smooth
 from fg_nav.smoother.graph import solve
-from fg_nav.smoother.heights import (
-    DRIFTS_M,
-    SCALE_HEIGHT_M,
-    SCALE_SIGMA,
-    add_constraints,
-    average_pressures,
-    calibrate_barometer,
-    estimate_noise,
-    find_floors,
-    find_floors_of_pieces,
-    find_riser,
-    judge_ground,
-)
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.strides import place_nodes
@@ -60,7 +47,7 @@ def walked(legs: Sequence[tuple[int, float, Floats | float]], drift: float = 0.0
 
 
 def floors_of(*legs: tuple[int, float, Floats | float], drift: float = 0.0, seed: int = 0):
-    return find_floors(*walked(legs, drift, seed=seed), SETTLING_M)[0]
+    return heights.find_floors(*walked(legs, drift, seed=seed), SETTLING_M)[0]
 
 
 SQUARE = tuple((12, k * np.pi / 2, 0.0) for k in range(4))
@@ -109,8 +96,8 @@ def test_pieces_of_a_standing_are_no_strides_and_do_not_hide_a_floor() -> None:
     piece = np.repeat(np.arange(len(t)), np.where(np.arange(len(t)) == len(t) - 1, 5, 1))
     stepped = np.append(True, np.diff(piece) > 0)
     t, footfall = 0.01 * np.arange(110 * len(piece)), 110 * np.arange(len(piece))
-    assert (find_floors(t[footfall], position[piece], SETTLING_M)[0] == 0).all()
-    assert (find_floors_of_pieces(t, footfall, position[piece], stepped, SETTLING_M)[0] == 0).all()
+    assert (heights.find_floors(t[footfall], position[piece], SETTLING_M)[0] == 0).all()
+    assert (heights.find_floors_of_pieces(t, footfall, position[piece], stepped, SETTLING_M)[0] == 0).all()
 
 
 @pytest.mark.parametrize("riser", [0.15, 0.175])
@@ -120,8 +107,8 @@ def test_stairs_show_their_riser_and_what_strides_climb_in_excess(riser: float) 
     down = -np.array([2, 2, 2, 2, 0, 0, 1, 2, 2, 2, 1]) * riser
     for excess in (-0.03, 0.0, 0.012, 0.03):
         step = np.diff(walked(((11, 0.0, up), (11, np.pi, down)), excess)[1], axis=0)
-        ground = judge_ground(step, 0.015)
-        assert find_riser(step[:, 2], np.ones(len(step)), 0.015)[0] == pytest.approx(riser, abs=0.006)
+        ground = heights.judge_ground(step, 0.015)
+        assert heights.find_riser(step[:, 2], np.ones(len(step)), 0.015)[0] == pytest.approx(riser, abs=0.006)
         assert ground.drift == pytest.approx(excess, abs=3.0 * ground.drift_sigma)
         assert ground.drift_sigma < 0.004
 
@@ -131,11 +118,11 @@ def test_long_strides_climb_more_in_excess_than_short_ones() -> None:
         rng = np.random.default_rng(0)
         length = rng.uniform(0.3, 1.7, 80)
         climb = 0.17 * rng.integers(-2, 3, 80) + excess * length + noise_m * rng.standard_normal(80)
-        riser, noise = find_riser(climb, length, 0.03)
+        riser, noise = heights.find_riser(climb, length, 0.03)
         assert riser == pytest.approx(0.17, abs=0.003)
         assert noise == pytest.approx(1.5 * noise_m, rel=0.2)
         level = 0.5 * excess * length + 0.005 * rng.standard_normal(80)
-        ground = judge_ground(np.stack([STRIDE_M * length, 0.0 * length, level], axis=1), 0.03)
+        ground = heights.judge_ground(np.stack([STRIDE_M * length, 0.0 * length, level], axis=1), 0.03)
         assert ground.drift == pytest.approx(0.5 * excess * np.median(length), abs=0.004)
         assert np.median(ground.level) > 0.9
 
@@ -146,13 +133,13 @@ def test_drift_and_noise_are_those_of_the_walk() -> None:
     for seed in range(30):
         drift = 0.005 * np.random.default_rng(100 + seed).standard_normal()
         _, position = walked(SQUARE, drift, seed=seed)
-        ground = judge_ground(np.diff(position, axis=0), 0.005)
+        ground = heights.judge_ground(np.diff(position, axis=0), 0.005)
         z.append((ground.drift - drift) / ground.drift_sigma)
     assert abs(np.mean(z)) < 0.6
     assert 0.4 < np.std(z) < 1.5
     legs = (*SQUARE, (30, 0.0, 0.07), (9, 0.0, 0.34), *SQUARE)
-    assert estimate_noise(np.diff(walked(legs, noise=0.015)[1][:, 2])) == pytest.approx(0.02, abs=0.008)
-    assert np.diff(DRIFTS_M).max() < 0.25 * 0.005
+    assert heights.estimate_noise(np.diff(walked(legs, noise=0.015)[1][:, 2])) == pytest.approx(0.02, abs=0.008)
+    assert np.diff(heights.DRIFTS_M).max() < 0.25 * 0.005
 
 
 def walk_course(course: Sequence[Section], p: SmootherParameters = DEFAULT) -> tuple[Solution, Floats, Floats]:
@@ -192,7 +179,7 @@ def test_a_path_that_climbs_over_level_floors_has_a_softer_sole_than_expected() 
         p = replace(DEFAULT, known_lever=LEVER, settling_m=settling_m)
         problem = walk_problem(walk.recording, walk.stances, 0.0, p)
         values = gtsam.Values(solve(problem).values)
-        (prior,) = list(add_constraints(problem, values).blocks[-1].factors())
+        (prior,) = list(heights.add_constraints(problem, values).blocks[-1].factors())
         (key,) = prior.keys()
         found = -prior.linearize(values).jacobian()[1] / prior.linearize(values).jacobian()[0][0]
         excess_m.append(float(values.atVector(key)[0] - found[0]))
@@ -238,7 +225,7 @@ def with_barometer(
     rng, t = np.random.default_rng(seed), recording.t
     height = recording.truth.position[:, 2] - recording.truth.position[0, 2]
     drift = np.cumsum(rng.normal(0.0, drift_pa * np.sqrt(np.diff(t, prepend=t[0]))))
-    read_pa = GROUND_PA * np.exp(-height / (SCALE_HEIGHT_M * (1.0 + scale))) + drift
+    read_pa = GROUND_PA * np.exp(-height / (heights.SCALE_HEIGHT_M * (1.0 + scale))) + drift
     read_pa = quantum_pa * np.rint((read_pa + rng.normal(0.0, white_pa, len(t))) / quantum_pa)
     return replace(recording, pressure=np.where(np.arange(len(t)) % every == 0, read_pa, np.nan))
 
@@ -260,13 +247,13 @@ def test_heights_are_better_with_a_barometer_and_their_sigma_honest() -> None:
 
 
 def test_stairs_in_air_of_another_temperature_close_and_have_it_in_their_sigma() -> None:
-    for scale in (-SCALE_SIGMA, SCALE_SIGMA):
+    for scale in (-heights.SCALE_SIGMA, heights.SCALE_SIGMA):
         recording = with_barometer(climbed(), scale=scale)
         found = smoothed(recording)
         error, sigma = height_errors(recording, found)
         top = np.argmax(recording.truth.position[found.stances.sample, 2])
         assert (np.abs(error[[-1, top]]) < 2.0 * sigma[[-1, top]]).all()
-        of_scale = SCALE_SIGMA * np.ptp(recording.truth.position[:, 2])
+        of_scale = heights.SCALE_SIGMA * np.ptp(recording.truth.position[:, 2])
         assert of_scale < sigma[top] < 1.3 * np.hypot(of_scale, sigma[-1])
 
 
@@ -287,9 +274,11 @@ def test_noise_is_that_of_the_recording(white_pa: float, quantum_pa: float) -> N
     recording = with_barometer(climbed(), every=2, white_pa=white_pa, quantum_pa=quantum_pa, drift_pa=0.0)
     stances = detect_stances(recording)
     nodes = place_nodes(recording, stances, FREE)
-    seen = average_pressures(recording, stances, nodes)
-    barometer = calibrate_barometer(recording, seen)
-    truth = GROUND_PA * np.exp(-(recording.truth.position[:, 2] - recording.truth.position[0, 2]) / SCALE_HEIGHT_M)
+    seen = heights.average_pressures(recording, stances, nodes)
+    barometer = heights.calibrate_barometer(recording, seen)
+    truth = GROUND_PA * np.exp(
+        -(recording.truth.position[:, 2] - recording.truth.position[0, 2]) / heights.SCALE_HEIGHT_M
+    )
     error = seen.mean - truth[nodes.sample[nodes.result]]
     sigma = barometer.sigma_m(seen.number) / barometer.m_per_pa
     assert np.sqrt(np.mean((error / sigma) ** 2)) < 1.3

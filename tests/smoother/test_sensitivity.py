@@ -17,55 +17,36 @@ from fg_nav.mechanisation import NavState, rotation_vector, strapdown
 from fg_nav.online.estimates import CompassVerdict, estimate_stance
 from fg_nav.online.strides import StanceNodes
 from fg_nav.recording import Recording
-from fg_nav.smoother import smooth, smooth_graph
+from fg_nav.smoother import sensitivity, smooth, smooth_graph
 from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.problem import _cut, walk_problem
-from fg_nav.smoother.sensitivity import (
-    ALIKE_SIGMA,
-    FORWARD_SIGMA,
-    MIN_OWN,
-    SCALE_SIGMA,
-    SIDEWAYS_SIGMA,
-    FootfallCovariance,
-    GyroScale,
-    SharedColumns,
-    average_models,
-    find_motion,
-    sense_rate_error,
-    spread_clipped_peaks,
-    weigh_moving_foot,
-    weigh_path,
-)
-from fg_nav.smoother.solver import Solved, dimension_of
+from fg_nav.smoother.solver import Solved, list_poses, list_positions
 from fg_nav.solution import Solution
 from tests.simulated import RIGID, corridor
-from tests.smoother.test_field import earth, heading_error_deg, in_field
-from tests.smoother.walks import DEFAULT, demo, dense_root, noise_free, part, time_order
+from tests.smoother.test_field import earth
+from tests.smoother.walks import DEFAULT, demo, dense_root, find_columns, heading_error_deg, in_field, noise_free, part
 
 
 def test_shared_columns_and_the_covariance_of_footfalls_are_those_of_dense_matrices() -> None:
-    walk = part(demo(), 6)
+    walk, rng = part(demo(), 6), np.random.default_rng(0)
     problem = walk_problem(walk.recording, walk.stances, 0.0, DEFAULT)
-    solved, ordering = solve(problem), time_order(problem.nodes)
-    A, _, root = dense_root(problem, solved.linearized_at, ordering)
-    keys = [ordering.at(i) for i in range(ordering.size())]
-    ends, rng = np.cumsum([0, *(dimension_of(key) for key in keys)]), np.random.default_rng(0)
+    solved, columns = solve(problem), find_columns(problem)
+    A, _, root = dense_root(problem, solved.linearized_at)
     # How the solution moves with numbers that its factors share.
     C, products = rng.standard_normal((len(A), 3)), np.zeros((solved.root.total, 3))
-    products[np.concatenate([solved.root.find_columns([(key,)])[0] for key in keys])] = A.T @ C
-    found = SharedColumns(solved.root, products)
+    products[np.concatenate([solved.root.find_columns([(key,)])[0] for key in columns])] = A.T @ C
+    found = sensitivity.SharedColumns(solved.root, products)
     explained = root.T @ (A.T @ C)
     assert found.explained == pytest.approx(explained.T @ explained, rel=1e-6)
-    moved = solved.root.split(found.solve())
-    for key, expected in zip(keys, np.split(root @ explained, ends[1:-1]), strict=True):
-        np.testing.assert_allclose(moved[key], expected, rtol=1e-4, atol=1e-6 * np.abs(expected).max())
+    moved, expected = solved.root.split(found.solve()), root @ explained
+    for key, own in columns.items():
+        np.testing.assert_allclose(moved[key], expected[own], rtol=1e-4, atol=1e-6 * np.abs(expected[own]).max())
     # Covariance of combinations of footfalls.
     shared = 1e-3 * rng.standard_normal((solved.root.total, 2))
-    joint = FootfallCovariance.of(solved, problem.nodes, shared)
+    joint = sensitivity.FootfallCovariance.of(solved, problem.nodes, shared)
     T = np.zeros((len(joint.keys), 4, A.shape[1]))
     for of, key, nav_T_body in zip(T, joint.keys, joint.nav_T_body, strict=True):
-        begin = ends[keys.index(key)]
-        of[:, begin : begin + 6] = nav_T_body
+        of[:, columns[key]] = nav_T_body
     C = T.reshape(-1, A.shape[1]) @ np.hstack([root, shared])
     weights = rng.standard_normal((len(T), 4, 3))
     covariance, cross = joint.combine(weights)
@@ -76,21 +57,14 @@ def test_shared_columns_and_the_covariance_of_footfalls_are_those_of_dense_matri
 
 def test_weights_of_a_path_are_the_derivatives_of_its_length() -> None:
     position = np.random.default_rng(1).uniform(-5, 5, (7, 3))
-
-    def length(until: int) -> float:
-        return float(np.linalg.norm(np.diff(position[: until + 1], axis=0), axis=1).sum())
-
-    for until in (3, 6):
-        weights = weigh_path(position, until)
-        assert not weights[:, 3].any()
-        for k, axis in np.ndindex(7, 3):
-            ends = []
-            for step in (-1e-6, 2e-6):
-                position[k, axis] += step
-                ends.append(length(until))
-            position[k, axis] -= 1e-6
-            assert weights[k, axis] == pytest.approx((ends[1] - ends[0]) / 2e-6, abs=1e-8)
-    assert not weigh_path(np.zeros((3, 3))).any()
+    weights = sensitivity.weigh_path(position)
+    assert not weights[:, 3].any()
+    for k, axis in np.ndindex(7, 3):
+        step = np.zeros((7, 3))
+        step[k, axis] = 1e-6
+        ahead, behind = (np.linalg.norm(np.diff(position + sign * step, axis=0), axis=1).sum() for sign in (1.0, -1.0))
+        assert weights[k, axis] == pytest.approx((ahead - behind) / 2e-6, abs=1e-8)
+    assert not sensitivity.weigh_path(np.zeros((3, 3))).any()
 
 
 def test_a_solution_has_the_sigma_of_its_distance() -> None:
@@ -118,24 +92,22 @@ def solved_walk() -> tuple[WalkProblem, Solved]:
 
 def with_share(problem: WalkProblem, solved: Solved, share: Floats) -> Floats:
     """Positions (M, 3) of the nodes where the ties are of a foot that moves on by these shares (2,)."""
-    nodes = range(len(problem.nodes))
-    attitude = np.array([solved.values.atPose3(X(j)).rotation().matrix() for j in nodes])
-    moves = find_motion(problem, solved.values) @ share
+    number, moves = range(len(problem.nodes)), sensitivity.find_motion(problem, solved.values) @ share
     ties = problem.velocities.residuals
-    ties = replace(ties, body_velocity=ties.body_velocity + np.einsum("kji,kj->ki", attitude, moves))
+    in_body = np.einsum("kji,kj->ki", list_poses(number, solved.values)[:, :3, :3], moves)
+    ties = replace(ties, body_velocity=ties.body_velocity + in_body)
     moved = replace(problem, velocities=ResidualBlock(ties, problem.velocities.keys), values=solved.values)
-    values = solve(moved).values
-    return np.array([values.atPose3(X(j)).translation() for j in nodes])
+    return list_positions(number, solve(moved).values)
 
 
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_walk_moves_with_its_foot_as_its_columns_say(axis: int) -> None:
     problem, solved = solved_walk()
-    columns = solved.root.split(weigh_moving_foot(problem, solved)[0].spread(np.eye(2)))
+    columns = solved.root.split(sensitivity.weigh_moving_foot(problem, solved)[0].spread(np.eye(2)))
     share = 1e-4 * np.eye(2)[axis]
     difference = (with_share(problem, solved, share) - with_share(problem, solved, -share)) / 2e-4
-    pose = [solved.values.atPose3(X(j)) for j in range(len(problem.nodes))]
-    told = np.array([-one.rotation().matrix() @ columns[X(j)][3:, axis] for j, one in enumerate(pose)])
+    pose = list_poses(range(len(problem.nodes)), solved.values)
+    told = np.array([-one[:3, :3] @ columns[X(j)][3:, axis] for j, one in enumerate(pose)])
     np.testing.assert_allclose(told, difference, atol=0.03 * np.abs(difference).max())
 
 
@@ -146,6 +118,21 @@ def test_forward_it_is_a_scale_of_the_walk_and_sideways_a_turn() -> None:
         moved = (with_share(problem, solved, 0.01 * np.eye(2)[axis]) - position)[:, :2] / 0.01
         # Stops at the corners, where the foot does not move on, and turns in place take some of it.
         assert np.linalg.norm(moved - expected, axis=1).max() < 0.25 * np.linalg.norm(position, axis=1).max()
+
+
+def test_what_is_found_of_it_and_not_taken_off_is_in_the_spread() -> None:
+    """Its error about zero: three sigmas of the prior either way."""
+    columns, information, _ = sensitivity.weigh_moving_foot(*solved_walk())
+    prior, moved = (
+        np.diag([sensitivity.FORWARD_SIGMA**2, sensitivity.SIDEWAYS_SIGMA**2]),
+        3.0 * np.array([sensitivity.FORWARD_SIGMA, -sensitivity.SIDEWAYS_SIGMA]),
+    )
+    covariance = np.linalg.inv(information + np.linalg.inv(prior))
+    found = covariance @ information @ moved
+    assert (np.abs(found) > np.sqrt(np.diag(covariance))).any()
+    by_one, spread = columns.solve()[:60], columns.spread_untaken(information, information @ moved, prior)[:60]
+    expected = by_one @ (covariance + np.outer(found, found)) @ by_one.T
+    np.testing.assert_allclose(spread @ spread.T, expected, atol=1e-9 * np.abs(expected).max())
 
 
 def carried_on(recording: Recording, share: float) -> Recording:
@@ -171,18 +158,19 @@ def test_the_length_is_off_by_what_its_sigma_says(share: float) -> None:
     assert abs(off) < 2.5 * found.distance_sigma_m / length
     without = smooth(recording, walk.stances, replace(P, moving_foot=False))
     assert abs(off) > 3.0 * without.distance_sigma_m / length
-    assert found.distance_sigma_m < np.hypot(without.distance_sigma_m, 1.1 * FORWARD_SIGMA * length)
+    assert found.distance_sigma_m < np.hypot(without.distance_sigma_m, 1.1 * sensitivity.FORWARD_SIGMA * length)
 
 
 def test_a_straight_even_walk_does_not_show_it() -> None:
     """Galilei: nearly all of the prior is left, and on a walk with turns and stops less."""
     walk = noise_free(RIGID)
     problem = walk_problem(*_cut(walk.recording, walk.stances, *STRAIGHT), 0.0, P)
-    prior = np.diag([FORWARD_SIGMA**-2, SIDEWAYS_SIGMA**-2])
+    prior = np.diag([sensitivity.FORWARD_SIGMA**-2, sensitivity.SIDEWAYS_SIGMA**-2])
     straight, turning = (
-        np.linalg.inv(weigh_moving_foot(*one)[1] + prior)[0, 0] for one in ((problem, solve(problem)), solved_walk())
+        np.linalg.inv(sensitivity.weigh_moving_foot(*one)[1] + prior)[0, 0]
+        for one in ((problem, solve(problem)), solved_walk())
     )
-    assert straight > (0.95 * FORWARD_SIGMA) ** 2
+    assert straight > (0.95 * sensitivity.FORWARD_SIGMA) ** 2
     assert turning < 0.9 * straight
 
 
@@ -193,8 +181,8 @@ def test_a_walk_in_progress_has_a_scale_and_a_turn_about_its_start() -> None:
     still, moving = (estimate_stance(*known, moves, False).pose_cov for moves in (False, True))
     more = moving - still
     along, across = np.array([0.6, 0.8]), np.array([-0.8, 0.6])
-    assert along @ more[:2, :2] @ along == pytest.approx((50.0 * FORWARD_SIGMA) ** 2)
-    assert across @ more[:2, :2] @ across == pytest.approx((50.0 * SIDEWAYS_SIGMA) ** 2)
+    assert along @ more[:2, :2] @ along == pytest.approx((50.0 * sensitivity.FORWARD_SIGMA) ** 2)
+    assert across @ more[:2, :2] @ across == pytest.approx((50.0 * sensitivity.SIDEWAYS_SIGMA) ** 2)
     assert not more[2:].any()
 
 
@@ -226,7 +214,7 @@ def test_sensitivity_is_that_of_integrated_samples(axis: int) -> None:
         end_R_start @ (high.position - low.position),
         end_R_start @ (high.velocity - low.velocity),
     ]
-    found = sense_rate_error(t, force, rate, np.array([0, len(t) - 1]), bias[None], rate - bias)[0]
+    found = sensitivity.sense_rate_error(t, force, rate, np.array([0, len(t) - 1]), bias[None], rate - bias)[0]
     for rows, e in zip(np.split(found[:, axis], 3), expected, strict=True):
         np.testing.assert_allclose(rows, e / (2 * d), atol=2e-3 * np.linalg.norm(e) / (2 * d))
 
@@ -254,18 +242,12 @@ def test_a_wrong_scale_is_taken_off_where_the_field_shows_it_and_nothing_else_is
 def priors() -> list[Floats]:
     """Covariances of the errors of both halves: nothing but what is alike, one scale, one in each half."""
     same, own = np.kron(np.ones((2, 2)), np.eye(3)), np.eye(6)
-    alike = ALIKE_SIGMA**2 * (same + MIN_OWN * own)
-    return [alike, alike + SCALE_SIGMA**2 * same, alike + SCALE_SIGMA**2 * own]
+    alike = sensitivity.ALIKE_SIGMA**2 * (same + sensitivity.MIN_OWN * own)
+    return [alike, alike + sensitivity.SCALE_SIGMA**2 * same, alike + sensitivity.SCALE_SIGMA**2 * own]
 
 
 NOISE = np.kron([[1.0, 0.2], [0.2, 2.0]], [[4.0, 1.0, 0.0], [1.0, 9.0, -1.0], [0.0, -1.0, 2.0]]) * 1e-6
 """Covariance (6, 6) of what a walk shows of the errors of its halves."""
-
-
-def average_shown(shown: Floats, noise: Floats = NOISE) -> GyroScale:
-    """Average over the models, by errors (6,) that a walk shows with this noise."""
-    information = np.linalg.inv(noise)
-    return average_models(information, information @ shown)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -279,7 +261,8 @@ def test_evidence_of_the_three_models_is_that_of_multivariate_normals(seed: int)
     gains = [prior @ np.linalg.inv(prior + NOISE) for prior in priors()]
     means = np.array([half @ gain @ shown for gain in gains])
     left = [half @ (prior - gain @ prior) @ half.T for gain, prior in zip(gains, priors(), strict=True)]
-    found = average_shown(shown)
+    information = np.linalg.inv(NOISE)
+    found = sensitivity.average_models(information, information @ shown)
     assert found.probability == pytest.approx(weight[1], rel=1e-6)
     np.testing.assert_allclose(found.scale, weight[1] * means[1], atol=1e-9)
     np.testing.assert_allclose(found.sigma, np.sqrt(np.diag(left[1])), rtol=1e-6)
@@ -290,36 +273,16 @@ def test_evidence_of_the_three_models_is_that_of_multivariate_normals(seed: int)
 
 def test_what_rebuilt_peaks_have_in_common_is_in_the_heading_sigma() -> None:
     """The pitch rate of a foot, cut at 60 % and rebuilt: two sides of one axis, and their error in the sigma."""
-    walk = part(demo(), 40)
+    walk, given = part(demo(), 40), replace(DEFAULT, choose_swing_noise=False)
     axis = int(np.abs(walk.recording.gyr).max(axis=0).argmax())
     level = 0.6 * np.abs(walk.recording.gyr[:, axis]).max()
     clipped = replace(walk.recording, gyr=np.clip(walk.recording.gyr, -level, level))
     assert clipped.peaks[1].run[:, axis].any()
-    found = smooth_graph(clipped, walk.stances)
-    spread = spread_clipped_peaks(found.walk.problem, found.walk.solved)
-    assert 1 <= spread.shape[1] <= 4
-    whole = smooth_graph(walk.recording, walk.stances).walk
-    assert spread_clipped_peaks(whole.problem, whole.solved).shape[1] == 0
+    found = smooth_graph(clipped, walk.stances, given)
+    assert 1 <= sensitivity.spread_clipped_peaks(found.walk.problem, found.walk.solved).shape[1] <= 4
+    assert sensitivity.spread_clipped_peaks(*solved_walk()).shape[1] == 0
     error = np.abs(heading_error_deg(found.solution)[-1])
     assert error < 3.0 * np.degrees(found.solution.stances.heading_sigma[-1])
-
-
-def test_a_unit_of_the_common_error_moves_the_walk_as_samples_with_it_do() -> None:
-    """Columns of the peaks against two solutions, with rates that are raised and lowered by a hundredth of a sigma."""
-    walk, step = demo(0), 0.05
-    level = 0.6 * np.abs(walk.recording.gyr).max()
-    clipped = replace(walk.recording, gyr=np.clip(walk.recording.gyr, -level, level))
-    peaks = clipped.peaks[1]
-    alike = np.where(clipped.gyr > 0.0, peaks.sigma / np.sqrt(np.maximum(peaks.run, 1.0)), 0.0)
-    axis = int(alike.sum(axis=0).argmax())
-    t, (force, rate), ends = clipped.t, clipped.integrable, np.array([0, len(clipped) // 8])
-    some = slice(0, ends[1] + 1)
-    error = np.zeros_like(rate)
-    error[:, axis] = alike[:, axis]
-    moved = sense_rate_error(t, force, rate, ends, np.zeros((1, 3)), alike)[0][:, axis]
-    low, high = (integrate(t[some], force[some], (rate - s * error)[some]) for s in (-step, step))
-    turn = rotation_vector(low.nav_R_body.T @ high.nav_R_body) / (2 * step)
-    np.testing.assert_allclose(moved[:3], turn, atol=0.02 * np.linalg.norm(turn) + 1e-6)
 
 
 def test_sigmas_hold_what_is_left_of_a_scale_that_was_taken_off() -> None:

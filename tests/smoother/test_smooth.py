@@ -13,7 +13,9 @@ from fg_nav.ekf import run_iez
 from fg_nav.errors import EstimationError
 from fg_nav.evaluation import evaluate
 from fg_nav.frames import GRAVITY_M_S2, yaw_rotation
+from fg_nav.io import read
 from fg_nav.lab.consistency import Consistency, compute_stance_nees
+from fg_nav.lab.pyshoe import read_pyshoe_labels
 from fg_nav.lab.simulation import simulate
 from fg_nav.lab.walked import measure_walk
 from fg_nav.recording import RawRecording, Recording
@@ -21,21 +23,9 @@ from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.parameters import PLAIN
 from fg_nav.smoother.problem import LEVELS
 from fg_nav.solution import Solution
-from tests.real_data import needs_data
+from tests.real_data import DATA, needs_data
 from tests.simulated import INDUSTRIAL, LEVER, QUIET, RIGID, corridor, every_gait
-from tests.smoother.walks import (
-    DEFAULT,
-    FREE,
-    Walk,
-    degrees_between,
-    demo,
-    gdin,
-    noise_free,
-    openshoe,
-    smoothed,
-    truth_of,
-    vicon,
-)
+from tests.smoother.walks import DEFAULT, FREE, Walk, degrees_between, demo, noise_free, smoothed
 
 SEEDS = range(8)
 SURELY = chi2.ppf(0.95, 3)  # NEES of a position that 95 % are below.
@@ -260,11 +250,11 @@ def test_a_gap_in_a_swing_is_bridged_with_larger_sigmas(estimate) -> None:
     keep[first : first + round(0.2 / walk.recording.period_s)] = False
     r = walk.recording
     raw = RawRecording(r.t[keep], r.acc[keep], r.gyr[keep], np.flatnonzero(keep))
-    recording = replace(Recording.from_raw(raw), truth=truth_of(r))
+    recording = replace(Recording.from_raw(raw), truth=r.truth)
     assert "bridged" in recording.provenance.notes[0]
     found, whole = (estimate(one, detect_stances(one)) for one in (recording, r))
     assert len(found.stances) == len(whole.stances)
-    off = measure_walk(found, truth_of(r))
+    off = measure_walk(found, r.truth)
     assert np.radians(off.heading_deg) < 3 * found.stances.heading_sigma[-1]
     sigma, usual = (np.linalg.norm(one.stances.position_sigma[-1, :2]) for one in (found, whole))
     assert off.end_m < 3 * sigma
@@ -281,26 +271,27 @@ def test_a_gap_in_a_swing_is_bridged_with_larger_sigmas(estimate) -> None:
 @needs_data
 @pytest.mark.parametrize("trial", ["2017-11-22-11-26-05", "2017-11-22-11-37-47", "2018-02-09-11-19-39"])
 def test_a_walk_with_motion_capture(trial: str) -> None:
-    walk = vicon(trial)
-    found = smooth(walk.recording, walk.stances)
-    metrics = evaluate(found, walk.recording.truth)
+    path = DATA / "vicon" / f"{trial}.mat"
+    walk, stances = read(path), Stances.from_mask(read_pyshoe_labels(path))  # the authors' labels
+    found = smooth(walk, stances)
+    metrics = evaluate(found, walk.truth)
     assert metrics.rmse_2d_m < 0.07
     assert metrics.rmse_3d_m < 0.15
     assert metrics.scale == pytest.approx(1.0, abs=0.02)
-    assert 1 / 10 < compute_stance_nees(found.stances, walk.recording.truth).median_ratio < 5
+    assert 1 / 10 < compute_stance_nees(found.stances, walk.truth).median_ratio < 5
 
 
 @needs_data
 def test_walks_over_surveyed_footprints_and_a_loop() -> None:
-    for number, metres in ((18, 0.15), (24, 0.35), (36, 0.35)):
-        walk = gdin(number)
-        found = smooth(walk.recording, walk.stances)
-        metrics = evaluate(found, walk.recording.truth)
+    for folder, number, metres in (("own_obsolete", 18, 0.15), ("own_obsolete", 24, 0.35), ("own", 36, 0.35)):
+        walk = replace(read(DATA / "gdin" / folder / f"SensorConnectData_{number}.csv"), mag=None)
+        found = smooth(walk, detect_stances(walk))
+        metrics = evaluate(found, walk.truth)
         assert metrics.rmse_2d_m < metres, number
         assert abs(metrics.strides_detected - metrics.strides_true) <= 1
         assert metrics.scale == pytest.approx(1.0, abs=0.02)
         assert np.diff(found.stances.heading_sigma).min() > 0
-    walk = openshoe(7)
-    metrics = evaluate(smooth(walk.recording, walk.stances))
+    loop = read(DATA / "openshoe" / "data_inert7.txt")
+    metrics = evaluate(smooth(loop, detect_stances(loop)))
     assert metrics.closure_percent < 1.0
     assert 70 < metrics.distance_m < 85

@@ -15,10 +15,11 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
+from functools import partial
 from typing import Any, TypeAlias
 
 from fg_nav.errors import CampaignError
-from fg_nav.lab.campaign.execute import Task, run_task
+from fg_nav.lab.campaign.execute import Execute, Task, run_task
 from fg_nav.lab.campaign.walks import pack
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.results import Result
@@ -33,7 +34,9 @@ TICK_S = 0.2  # Between two looks at what is done, and at Ctrl-C.
 LAST_PORT = 65535
 ADDRESS = re.compile(r"(?P<by>tcp|tls)://(\[[0-9a-fA-F:.%]+\]|[\w.-]+):(?P<port>[0-9]+)")
 GOES_ON = "and the same command goes on from there"
-OTHER = "they have another version of it, of Python or of libraries"
+OTHER_CODE = (
+    "the workers cannot run this fg-nav ({}): install the same version there, on the scheduler and on each worker."
+)
 
 Client: TypeAlias = Any
 Notify: TypeAlias = Callable[[str], None]  # Shows the user a sentence.
@@ -50,28 +53,30 @@ _LOCAL = {
 }  # Settings of a local cluster.
 
 
-def check_installed() -> None:
-    """Raise `CampaignError` if Dask or Arrow is not installed."""
+def choose_cluster(scheduler: str | None, workers: int | None, notify: Notify) -> Execute:
+    """Return what executes tasks on a cluster; raises `CampaignError` if it cannot be, or without Dask or Arrow."""
     try:
         import dask
         import distributed  # noqa: F401
         import pyarrow  # noqa: F401
+        from distributed.security import Security
     except ImportError as error:
         words = f"campaigns need Dask and Arrow, and {error.name} is not there: pip install 'fg-nav[campaign]'."
         raise CampaignError(words) from None
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # workers that die are handled here
     dask.config.set({"logging.distributed": "critical"})
-
-
-def check_address(address: str) -> None:
-    """Raise `CampaignError` if there can be no scheduler; Dask would print a traceback of its own."""
-    from distributed.security import Security
-
-    found = ADDRESS.fullmatch(address)
-    if found is None or int(found["port"]) > LAST_PORT:
-        raise CampaignError(f"'{address}' is no address of a Dask scheduler: write it as tcp://host:8786.")
-    if found["by"] == "tls" and Security().get_connection_args("client").get("ssl_context") is None:
-        raise CampaignError(f"Dask has no certificates for {address}: name them in its configuration, or use tcp.")
+    # an address that Dask would print a traceback of its own for
+    if scheduler is not None:
+        if workers is not None:
+            raise CampaignError("--workers is for a cluster of our own: leave it out with --scheduler.")
+        found = ADDRESS.fullmatch(scheduler)
+        if found is None or int(found["port"]) > LAST_PORT:
+            raise CampaignError(f"'{scheduler}' is no address of a Dask scheduler: write it as tcp://host:8786.")
+        if found["by"] == "tls" and Security().get_connection_args("client").get("ssl_context") is None:
+            raise CampaignError(
+                f"Dask has no certificates for {scheduler}: name them in its configuration, or use tcp."
+            )
+    return partial(run_on_dask, scheduler=scheduler, workers=workers or dask.system.CPU_COUNT, notify=notify)
 
 
 def run_on_dask(
@@ -89,10 +94,9 @@ def run_on_dask(
         return
     workers = min(workers, sum(len(task.settings) for task in tasks))
     with _connect(scheduler, workers) as client:
-        # Wait for the user's workers, and see that they have our code.
+        # Wait for the user's workers, which have none of our files.
         if scheduler is not None:
             workers = wait_for_workers(client, notify)
-            check_code(client)
             tasks = [replace(task, source=pack(task.source)) for task in tasks]
         # Send all walks; where there are fewer than workers, each result by itself.
         if len(tasks) < workers:
@@ -116,7 +120,7 @@ def run_on_dask(
                         lost = future.status in ("cancelled", "lost") or client.status != "running"
                         raise _explain(error, lost) from None
                     if any(result.code != code_sum() for result in results):
-                        raise _other_code(OTHER)
+                        raise CampaignError(OTHER_CODE.format("another version of it, of Python or of libraries"))
                     yield results
                 stop.wait(TICK_S)
             if stop.is_set():
@@ -163,16 +167,6 @@ def wait_for_workers(client: Client, notify: Notify) -> int:
     return len(client.scheduler_info(n_workers=-1)["workers"])
 
 
-def check_code(client: Client) -> None:
-    """Raise `CampaignError` if a worker has other code or libraries than we, or none."""
-    try:
-        codes = set(client.run(code_sum).values())
-    except Exception as error:
-        raise _explain(error) from None
-    if codes != {code_sum()}:
-        raise _other_code(OTHER)
-
-
 def _send(client: Client, tasks: Sequence[Task]) -> dict[Any, Task]:
     """Send tasks, each by its future."""
     with warnings.catch_warnings():
@@ -180,17 +174,12 @@ def _send(client: Client, tasks: Sequence[Task]) -> dict[Any, Task]:
         return dict(zip(client.map(run_task, tasks, retries=RETRIES, pure=False), tasks, strict=True))
 
 
-def _explain(error: Exception, lost: bool = False) -> CampaignError:
+def _explain(error: Exception, lost: bool) -> CampaignError:
     """Return what ends a campaign: a lost scheduler, other code, or a worker that cannot work."""
     if lost:
         return CampaignError(f"the scheduler is gone: what is done is stored, {GOES_ON}.")
     first, *_ = " ".join(str(error).split()).split(". ")  # Dask's errors have several lines, and links
     words = f"{type(error).__name__}: {first}"
     if isinstance(error, ImportError | AttributeError) or "deserializ" in words:
-        return _other_code(words)
+        return CampaignError(OTHER_CODE.format(words))
     return CampaignError(f"a worker cannot work ({words}): see to it, {GOES_ON}.")
-
-
-def _other_code(reason: str) -> CampaignError:
-    here = "install the same version there, on the scheduler and on each worker"
-    return CampaignError(f"the workers cannot run this fg-nav ({reason}): {here}.")

@@ -13,16 +13,15 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
-from functools import partial
+from dataclasses import fields
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from fg_nav.errors import CampaignError, OutputError
-from fg_nav.lab.campaign.cluster import Notify, check_address, check_installed, run_on_dask
+from fg_nav.lab.campaign.cluster import Notify
 from fg_nav.lab.campaign.execute import Execute, make
 from fg_nav.lab.campaign.methods import method_of
 from fg_nav.lab.campaign.plan import read_plan
@@ -49,14 +48,6 @@ TIMING_COLUMNS = {**dict.fromkeys(WORDS, "string"), "runtime_s": "double", "us_p
 BATCH = 1000  # Results that are written into the tables at once: a long one is a megabyte.
 
 
-@dataclass(frozen=True)
-class Summary:
-    """All results, in short, and how many of them were stored before."""
-
-    results: Sequence[Result]
-    stored: int
-
-
 def run_campaign(
     plan: Path,
     out: Path,
@@ -65,16 +56,14 @@ def run_campaign(
     retry: bool = False,
     show: Callable[[int, int], None] = lambda done, total: None,
     notify: Notify = lambda words: None,
-) -> Summary:
+) -> tuple[list[Result], int]:
     """Make what a plan's folder lacks, and write the tables; `renew` and `retry` as of `make`.
 
-    Raises
-    ------
-    CampaignError, OutputError
-        If the plan or the folder cannot be, another campaign runs there, or the cluster is gone.
+    Returns all results, in short, and how many of them were stored before. Raises `CampaignError` or `OutputError` if
+    plan or folder cannot be, another campaign runs there, or the cluster is gone.
     """
     asked = read_plan(plan)
-    settings = asked.settings(asked.list_keys())
+    settings = asked.settings()
     with lock_folder(out):
         ours = {key.file for key in settings}
         others = sum(name.endswith(".json") and name not in ours for name in os.listdir(out / RESULTS_FOLDER))
@@ -107,19 +96,7 @@ def run_campaign(
                 yield result
 
         write_tables(out, read())
-    return Summary([short[key] for key in settings], stored or 0)
-
-
-def choose_cluster(scheduler: str | None, workers: int | None, notify: Notify) -> Execute:
-    """Return what executes tasks on a cluster; raises `CampaignError` if it cannot be, or without Dask."""
-    check_installed()
-    from dask.system import CPU_COUNT
-
-    if scheduler is not None:
-        if workers is not None:
-            raise CampaignError("--workers is for a cluster of our own: leave it out with --scheduler.")
-        check_address(scheduler)
-    return partial(run_on_dask, scheduler=scheduler, workers=workers or CPU_COUNT, notify=notify)
+    return [short[key] for key in settings], stored or 0
 
 
 @contextmanager
@@ -136,15 +113,13 @@ def lock_folder(out: Path) -> Iterator[None]:
                 raise OutputError(f"{out} holds what is no campaign's ('{foreign[0]}'): choose another --out.")
         (out / RESULTS_FOLDER).mkdir(parents=True, exist_ok=True)
         marker = (out / CAMPAIGN_MARKER).open("a")
+        locked = lock(marker.fileno())
+    except BlockingIOError:
+        words = f"another campaign is at work in {out}: wait until it is done, or choose another --out."
+        raise CampaignError(words) from None
     except OSError as error:
         raise OutputError(f"{out} cannot be written ({error.strerror}): choose another --out.") from None
     with marker:
-        try:
-            locked = lock(marker.fileno())
-        except BlockingIOError:
-            raise CampaignError(
-                f"another campaign is at work in {out}: wait until it is done, or choose another --out."
-            ) from None
         if locked:  # nobody else writes there: what is half written is of campaigns that were killed
             for part in out.rglob(f".*{PART}"):
                 part.unlink(missing_ok=True)

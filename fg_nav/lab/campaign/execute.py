@@ -11,7 +11,6 @@ written here.
 from __future__ import annotations
 
 import threading
-import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -20,18 +19,16 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any, TypeAlias
 
-import numpy as np
-
 from fg_nav.arrays import Floats
 from fg_nav.calibration.walk import WalkCalibrationParameters
 from fg_nav.detection import StanceParameters
 from fg_nav.errors import EstimationError, FgNavError
 from fg_nav.evaluation.comparison import compare_at_footfalls
 from fg_nav.lab.campaign.methods import method_of, solve_by
-from fg_nav.lab.campaign.walks import LOOP, MIXTURES, NONE, RAW, WALK, Reading, Simulated, Source, UserScenario, unpack
+from fg_nav.lab.campaign.walks import LOOP, NONE, RAW, WALK, Simulated, Source, unpack
 from fg_nav.lab.consistency import whiten_errors
 from fg_nav.lab.processes import run_tasks
-from fg_nav.lab.simulation import Choices, scenario, simulate
+from fg_nav.lab.simulation import simulate
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.results import NOT_USED, USED, Key, Result, read_result, write_result
 from fg_nav.lab.walked import (
@@ -50,8 +47,6 @@ from fg_nav.truth import TrajectoryTruth
 from fg_nav.walk import Options, Outcome, Walk
 
 BUG = "a bug"  # Begins the reason of a result that no error of ours ended; such a result is made again the next time.
-
-PROBE = ("demo", 1)  # A short walk that shows the effective parameters of a method, before it is run on long ones.
 
 Settings: TypeAlias = Mapping[str, Any]
 
@@ -168,8 +163,6 @@ def evaluate_outcome(blank: Result, source: Source, walk: Walk, outcome: Outcome
     if truth is None:
         own = {CLOSURE: _round_positions(place)}
         return replace(done, errors={CLOSURE: measure_walk(solution)}, estimate=own)
-    names = tuple(one.landmark for one in source.landmarks)
-    time_s, crossed = (np.array([getattr(one, what) for one in source.landmarks]) for what in ("time_s", "position"))
     errors, estimate, at_landmarks, whitened = {}, {}, {}, {}
     modes = (AS_STARTED, BEST_YAW) if isinstance(truth, TrajectoryTruth) else (BEST_YAW,)
     for mode in modes:
@@ -178,16 +171,15 @@ def evaluate_outcome(blank: Result, source: Source, walk: Walk, outcome: Outcome
         estimate[mode] = _round_positions(aligned.estimate if not aligned.planar else aligned.alignment.apply(place))
         if mode == AS_STARTED:
             whitened = whiten_errors(aligned, solution.stances)
-        if names:
-            found = measure_landmarks(solution, names, time_s, crossed, aligned.alignment)
-            at_landmarks[mode] = found.error_m.tolist()
+        if source.landmarks:
+            at_landmarks[mode] = measure_landmarks(solution, source.landmarks, aligned.alignment).tolist()
     return replace(
         done,
         errors=errors,
         whitened=whitened,
         estimate=estimate,
         truth=_round_positions(aligned.truth),
-        landmark=names,
+        landmark=tuple(one.landmark for one in source.landmarks),
         landmark_m=at_landmarks,
         notes=(*done.notes, *aligned.notes),
     )
@@ -233,24 +225,17 @@ def recorded_keys(
     return list(dict.fromkeys(keys))
 
 
-def settings_of(
-    key: Key,
-    recorded: bool = False,
-    files: Mapping[str, str] | None = None,
-    reading: Reading | None = None,
-    own: UserScenario | None = None,
-) -> dict[str, Any]:
+def settings_of(key: Key, source: Source | None = None) -> dict[str, Any]:
     """Return what a result is made with, as JSON has it: a stored result with other settings does not hold.
 
-    The walk is one of a scenario, perhaps the user's `own`, or `recorded` in `files` (SHA-256 by name).
+    The walk is that of one of our scenarios if left out.
     """
-    loop = reading.calibration if recorded and reading else None
-    magnetometer = {LOOP: loop, WALK: WalkCalibrationParameters()}.get(key.magnetometer)
-    walk = files if recorded else _describe_scenario(key.group, key.field, own)
+    source = find_simulated(key) if source is None else source
+    magnetometer = {LOOP: source.reading.calibration, WALK: WalkCalibrationParameters()}.get(key.magnetometer)
     settings: dict[str, Any] = {"method": parameters_of(key.method), "stances": StanceParameters()}
-    settings |= {"magnetometer": magnetometer, "walk": walk}
-    if reading is not None and reading.format is not None:
-        settings["format"] = reading.format
+    settings |= {"magnetometer": magnetometer, "walk": source.description}
+    if source.reading.format is not None:
+        settings["format"] = source.reading.format
     return dict(to_json(settings))
 
 
@@ -270,15 +255,5 @@ def parameters_of(method: str) -> Any:
 
 
 @cache
-def _probe() -> Walk:
-    return replace(prepare_walk(Walk.of(simulate(*PROBE).recording, Options(heading_deg=0.0))), truth=None)
-
-
-@cache
-def _describe_scenario(name: str, level: str, own: UserScenario | None) -> dict[str, Any]:
-    one = Choices(field=level).apply_to(scenario(name) if own is None else own.scenario)
-    description: dict[str, Any] = {"worn": one.worn, "site": one.site, "field": (level, MIXTURES.get(level))}
-    description |= {"magnets": one.magnets, "sensor": one.prior}
-    if own is not None:
-        description |= {"course": tomllib.loads(own.text)["course"], "aligned": one.aligned}
-    return dict(to_json(description))
+def _probe() -> Walk:  # short, before the method is run on long ones
+    return replace(prepare_walk(Walk.of(simulate("demo", 1).recording, Options(heading_deg=0.0))), truth=None)

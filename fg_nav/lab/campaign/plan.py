@@ -6,16 +6,15 @@ those of `"iez:physical"` for that one alone.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
 from math import prod
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field
 
 from fg_nav.calibration.of_recording import read_calibration
 from fg_nav.errors import CampaignError, FgNavError
@@ -31,103 +30,57 @@ from fg_nav.lab.campaign.walks import (
     Recorded,
     Simulated,
     Source,
-    UserScenario,
     find_walks,
 )  # fmt: skip
-from fg_nav.lab.simulation import scenario
-from fg_nav.lab.simulation.checks import shorten
+from fg_nav.lab.simulation.checks import Table, check_known
+from fg_nav.lab.simulation.person import MOUNTS
 from fg_nav.lab.simulation.scenario_file import SUFFIX
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.lab.store.results import Key
-from fg_nav.text import Scalar, read_small
+from fg_nav.text import Scalar, flatten, parse_toml, read_small
 
 FIRST_SEED = 101  # Filters are tuned on seeds below 100.
 
 MAX_RESULTS = 1_000_000
 
-ON_A_FOOT = ("heel", "instep")
-
-Names = Annotated[
-    list[Annotated[str, Field(min_length=1)]],
-    Field(min_length=1, description='give a list of names, ["one", "another"]'),
-]
+Names = Annotated[tuple[Annotated[str, Field(min_length=1)], ...], Field(min_length=1)]
 
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
 
-_SEEDS = "give seeds = 20 and, if you like, first_seed = 101; or seeds = [1, 2]"
-_GRIDS = "write [parameters.METHOD] and its parameters below"
-_READINGS = "write [reading.FOLDER] and its options below"
 
-
-class _Strict(BaseModel):
-    """A table of the file: no other keys, and no value of another type."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
-
-
-class ReadingTable(_Strict):
+class ReadingTable(Table):
     """Options of a folder of recordings, as `fg-nav run` has them."""
 
-    format: Annotated[str | None, Field(description="give a name")] = None
-    calibration: Annotated[str | None, Field(description="give a name")] = None
+    format: str | None = None
+    calibration: str | None = None
 
 
-class PlanFile(_Strict):
-    """The file: each field's description says what to write."""
+class PlanFile(Table):
+    """The file."""
 
-    scenarios: Names = []
-    fields: Names = ["indoor"]
-    seeds: Annotated[Seed | Annotated[list[Seed], Field(min_length=1)] | None, Field(description=_SEEDS)] = None
-    first_seed: Annotated[Seed, Field(description=_SEEDS)] = FIRST_SEED
-    methods: Names = []
-    magnetometers: Names = [LOOP]
-    recordings: Names = []
-    reading: Annotated[dict[str, ReadingTable], Field(description=_READINGS)] = {}
-    parameters: Annotated[dict[str, dict[str, Any]], Field(description=_GRIDS)] = {}
+    scenarios: Names = ()
+    fields: Names = ("indoor",)
+    seeds: Annotated[Seed, Field(ge=1)] | Annotated[tuple[Seed, ...], Field(min_length=1)] | None = None
+    first_seed: Seed = FIRST_SEED
+    methods: Names = ()
+    magnetometers: Names = (LOOP,)
+    recordings: Names = ()
+    reading: dict[str, ReadingTable] = Field(default_factory=dict)
+    parameters: dict[str, dict[str, Any]] = Field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Plan:
-    """All names are known, and all lists without repetition."""
+    """Results that are asked for, and where their walks are from."""
 
-    scenarios: tuple[str, ...]
-    fields: tuple[str, ...]
-    seeds: Sequence[int]
-    methods: tuple[str, ...]  # Words (`fg_nav.lab.campaign.methods`), one for each point of a grid.
-    magnetometers: tuple[str, ...]  # Of recorded walks too.
+    keys: Sequence[Key]
     walks: Mapping[tuple[str, str], Recorded]  # By folder and name.
-    own: Mapping[str, UserScenario]  # The user's scenarios, by name among the others.
+    own: Mapping[str, bytes]  # Files of the user's scenarios, by name.
 
-    def list_keys(self) -> list[Key]:
-        """Return the keys of all results; raises `CampaignError` if two would be stored in one file."""
-        recorded: dict[str, list[str]] = {}
-        for group, name in self.walks:
-            recorded.setdefault(group, []).append(name)
-        calibrated = {group for (group, _), walk in self.walks.items() if walk.reading.calibration is not None}
-        keys = [
-            *simulated_keys(self.scenarios, self.fields, self.magnetometers, self.methods, self.seeds),
-            *recorded_keys(recorded, RECORDED, self.magnetometers, self.methods, calibrated),
-        ]
-        by_file: dict[str, Key] = {}
-        for key in keys:
-            other = by_file.setdefault(key.file.casefold(), key)
-            if other is not key:
-                raise CampaignError(
-                    f"'{other.walk}' of '{other.group}' and '{key.walk}' of '{key.group}' would be kept in one file: "
-                    "rename one."
-                )
-        return keys
-
-    def settings(self, keys: Sequence[Key]) -> dict[Key, Settings]:
+    def settings(self) -> dict[Key, Settings]:
         """Return what each result is made with; the walks of one scenario share it."""
-        files = {name: (walk.sums(), walk.reading) for name, walk in self.walks.items()}
-        simulated = cache(settings_of)
-        return {
-            key: settings_of(key, True, *files[key.group, key.walk])
-            if key.field == RECORDED
-            else simulated(replace(key, walk=""), own=self.own.get(key.group))
-            for key in keys
-        }
+        shared = cache(lambda key: settings_of(key, self.find_source(key)))
+        return {key: shared(key if key.field == RECORDED else replace(key, walk="0")) for key in self.keys}
 
     def find_source(self, key: Key) -> Source:
         """Return the walk of a result."""
@@ -141,40 +94,18 @@ def read_plan(path: Path) -> Plan:
 
     Raises `CampaignError` if the file cannot be read, has unknown keys or names, or values of another type.
     """
-    text = _read_text(path, "plan")
+    content = _read(path, "plan")
     try:
-        content = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise CampaignError(f"{path.name} is no TOML: {error}.") from None
-    except (ValueError, RecursionError):  # Python reads so many digits only, and lists in so many lists
-        raise CampaignError(f"{path.name} has a number too long or a list too deep to be read: correct it.") from None
-    try:
-        return _check_plan(PlanFile.model_validate(content), path.parent)
-    except ValidationError as error:
-        raise CampaignError(f"{path.name}: {_describe(error)}") from None
+        return _check_plan(PlanFile.read(parse_toml(content)), path.parent)
     except FgNavError as error:
         raise CampaignError(f"{path.name}: {error}") from None
 
 
-def _read_text(path: Path, what: str) -> str:
+def _read(path: Path, what: str) -> bytes:
     try:
-        return read_small(path).decode("utf-8-sig")
+        return read_small(path)
     except OSError as error:
         raise CampaignError(f"the {what} {path} cannot be read ({error.strerror}): name a .toml file.") from None
-    except UnicodeDecodeError as error:
-        raise CampaignError(f"{path.name} is no TOML: {error}.") from None
-
-
-def _describe(error: ValidationError) -> str:
-    """Return one sentence on the first error: where, what stands there, and what to write."""
-    first = error.errors()[0]
-    name, *inner = map(str, first["loc"])
-    key, where, known = name, "", PlanFile.model_fields
-    if name == "reading" and len(inner) > 1:
-        key, where, known = inner[1], f" of reading.{inner[0]}", ReadingTable.model_fields
-    if first["type"] == "extra_forbidden":
-        return f"there is no '{key}' in {where[4:] or 'a plan'}: it knows {', '.join(known)}."
-    return f"{key}{where} cannot be {shorten(repr(first['input']))}: {known[key].description}."
 
 
 def _check_plan(file: PlanFile, folder: Path) -> Plan:
@@ -190,47 +121,53 @@ def _check_plan(file: PlanFile, folder: Path) -> Plan:
         if name in scenarios:
             raise CampaignError(f"two scenarios are named '{name}': rename one, results go by its name.")
         if given.endswith(SUFFIX):
-            own[name] = UserScenario(name, _read_text(folder / given, "scenario"))
-        scenarios[name] = own[name].scenario if name in own else scenario(name)
-        if scenarios[name].worn not in ON_A_FOOT:
-            worn = scenarios[name].worn
+            own[name] = _read(folder / given, "scenario")
+        scenarios[name] = Simulated(name, "", 0, own.get(name)).scenario
+        if (worn := scenarios[name].worn) not in MOUNTS:
             raise CampaignError(f"the sensor of '{name}' is on no foot ({worn}): choose a scenario of a foot.")
     # Recordings, and how they are read.
     readings = {}
     for name, table in file.reading.items():
         if table.format is not None:
-            _check_known("format", [table.format], tuple(list_formats()))
+            check_known("format", table.format, list_formats())
         calibration = None if table.calibration is None else read_calibration(folder / table.calibration)
         if calibration is not None and calibration.magnetometer is None:
             raise CampaignError(f"{table.calibration} has no magnetometer: calibrate on circles, or leave it out.")
         readings[name] = Reading(table.format, calibration)
     walks = find_walks([folder / name for name in dict.fromkeys(file.recordings)], readings)
-    # All results.
-    fields = _check_known("field", file.fields, (*FIELDS, *MIXTURES))
-    magnetometers = _check_known("magnetometer", file.magnetometers, MAGNETOMETERS)
+    # All results; two must not be stored in one file.
+    fields, magnetometers = (list(dict.fromkeys(names)) for names in (file.fields, file.magnetometers))
+    for what, names, known in (("field", fields, (*FIELDS, *MIXTURES)), ("magnetometer", magnetometers, MAGNETOMETERS)):
+        for one in names:
+            check_known(what, one, known)
     seeds = _list_seeds(file) if scenarios else range(0)
     methods = _list_methods(list(dict.fromkeys(file.methods)), file.parameters)
     results = (len(scenarios) * len(fields) * len(seeds) + len(walks)) * len(magnetometers) * len(methods)
     if results > MAX_RESULTS:
         raise CampaignError(f"{results} results are too many: plan at most {MAX_RESULTS}.")
-    return Plan(tuple(scenarios), fields, seeds, methods, magnetometers, walks, own)
-
-
-def _check_known(what: str, given: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
-    for one in given:
-        if one not in known:
-            raise CampaignError(f"there is no {what} '{one}': choose one of {', '.join(known)}.")
-    return tuple(dict.fromkeys(given))
+    by_group: dict[str, list[str]] = {}
+    for group, walk in walks:
+        by_group.setdefault(group, []).append(walk)
+    calibrated = {group for (group, _), walk in walks.items() if walk.reading.calibration is not None}
+    keys = simulated_keys(list(scenarios), fields, magnetometers, methods, seeds)
+    keys += recorded_keys(by_group, RECORDED, magnetometers, methods, calibrated)
+    by_file: dict[str, Key] = {}
+    for key in keys:
+        other = by_file.setdefault(key.file.casefold(), key)
+        if other is not key:
+            both = f"'{other.walk}' of '{other.group}' and '{key.walk}' of '{key.group}'"
+            raise CampaignError(f"{both} would be kept in one file: rename one.")
+    return Plan(keys, walks, own)
 
 
 def _list_seeds(file: PlanFile) -> Sequence[int]:
     if file.seeds is None:
         raise CampaignError("no seeds: give how many walks of each scenario, seeds = 20, or a list.")
-    if isinstance(file.seeds, list) and "first_seed" not in file.model_fields_set:
-        return list(dict.fromkeys(file.seeds))
-    if isinstance(file.seeds, list) or file.seeds == 0:
-        raise CampaignError(f"seeds cannot be {file.seeds!r}: {_SEEDS}.")
-    return range(file.first_seed, file.first_seed + file.seeds)
+    if isinstance(file.seeds, int):
+        return range(file.first_seed, file.first_seed + file.seeds)
+    if "first_seed" in file.model_fields_set:
+        raise CampaignError("first_seed is of a number of seeds, and there is a list of them: leave it out.")
+    return list(dict.fromkeys(file.seeds))
 
 
 def _list_methods(words: Sequence[str], grids: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
@@ -245,7 +182,7 @@ def _list_methods(words: Sequence[str], grids: Mapping[str, Mapping[str, Any]]) 
             raise CampaignError(f"'{word}' has parameters in its name: write [parameters.{method.name}] below.")
         grid: dict[str, list[Scalar]] = {}
         for name in (method.name, f"{method.name}:{method.preset}"):
-            grid |= _flatten(grids.get(name, {}), name)
+            grid |= _read_grid(grids.get(name, {}), name)
             unused.discard(name)
         if (points := prod(len(values) for values in grid.values())) > MAX_RESULTS:
             raise CampaignError(f"{points} results are too many: plan at most {MAX_RESULTS}.")
@@ -256,19 +193,16 @@ def _list_methods(words: Sequence[str], grids: Mapping[str, Mapping[str, Any]]) 
     return tuple(dict.fromkeys(found))
 
 
-def _flatten(table: Mapping[str, Any], where: str, before: str = "") -> dict[str, list[Scalar]]:
+def _read_grid(table: Mapping[str, Any], where: str) -> dict[str, list[Scalar]]:
     """Dotted names, each with its values."""
-    flat: dict[str, list[Scalar]] = {}
-    for key, value in table.items():
-        name, values = f"{before}{key}", value if isinstance(value, list) else [value]
-        if isinstance(value, Mapping):
-            inner = _flatten(value, where, f"{name}.")
-        elif values and all(type(one) in get_args(Scalar) for one in values):
-            inner = {name: values}
-        else:
+    grid: dict[str, list[Scalar]] = {}
+    for whole, value in flatten(table, where):
+        name, values = whole.removeprefix(f"{where}."), value if isinstance(value, list) else [value]
+        known = [one for one in values if isinstance(one, Scalar)]
+        if not values or len(known) < len(values):
             words = f"{name} of {where} cannot be {value!r}"
             raise CampaignError(f"{words}: give a number, true or false, a word, or a list.")
-        if twice := flat.keys() & inner.keys():
-            raise CampaignError(f"{min(twice)} of {where} is given twice, with and without quotes: give it once.")
-        flat |= inner
-    return flat
+        if name in grid:
+            raise CampaignError(f"{name} of {where} is given twice, with and without quotes: give it once.")
+        grid[name] = known
+    return grid

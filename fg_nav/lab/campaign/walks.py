@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
@@ -36,7 +36,7 @@ from fg_nav.lab.store.files import MARKERS
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import Recording
-from fg_nav.truth import TrajectoryTruth
+from fg_nav.text import parse_toml
 from fg_nav.walk import Options, Walk
 
 LOOP = "loop"  # Calibrated on `calibration-loop` with the same shoe and sensor, as Ma et al. did; recorded, by a file.
@@ -52,19 +52,6 @@ noise, and the magnetometer's reading is linear in the field. The mixture has no
 
 
 @dataclass(frozen=True)
-class UserScenario:
-    """A scenario of the user: name and text of its file (`lab.simulation.scenario_file`), as workers get it."""
-
-    name: str
-    text: str
-
-    @property
-    def scenario(self) -> Scenario:
-        """As the simulator takes it; raises `SimulationError` if the file describes what cannot be."""
-        return parse_scenario(self.name, self.text)
-
-
-@dataclass(frozen=True)
 class Reading:
     """How recordings are read."""
 
@@ -74,27 +61,42 @@ class Reading:
 
 @dataclass(frozen=True)
 class Simulated:
-    """The walk of one scenario, field and seed; simulated when first asked for. The scenario may be the user's."""
+    """The walk of one scenario, field and seed; simulated when first asked for.
+
+    A scenario of the user has the `content` of its file (`lab.simulation.scenario_file`), as workers get it.
+    """
 
     name: str
     level: str
     seed: int
-    own: UserScenario | None = None
+    content: bytes | None = None
     _walks: dict[bool, SimulatedWalk] = field(default_factory=dict, compare=False, repr=False)  # Without iron, or with.
+    reading: ClassVar[Reading] = Reading()  # Nothing is read.
+
+    @property
+    def scenario(self) -> Scenario:
+        """As the simulator takes it; raises `SimulationError` if the file describes what cannot be."""
+        return scenario(self.name) if self.content is None else parse_scenario(self.name, self.content)
+
+    @property
+    def description(self) -> dict[str, Any]:
+        """All that decides what is simulated, but for the seed."""
+        one = Choices(field=self.level).apply_to(self.scenario)
+        walk: dict[str, Any] = {name: getattr(one, name) for name in ("worn", "site", "magnets")}
+        walk |= {"field": (self.level, MIXTURES.get(self.level)), "sensor": one.prior}
+        own = {} if self.content is None else {"course": parse_toml(self.content)["course"], "aligned": one.aligned}
+        return walk | own
 
     def prepare(self, magnetometer: str) -> Walk:
         """Input of all methods; raises `CalibrationError` if the loop does not calibrate."""
-        one, perfect = scenario(self.name) if self.own is None else self.own.scenario, magnetometer == PERFECT
+        one, perfect = self.scenario, magnetometer == PERFECT
         if perfect not in self._walks:
             self._walks[perfect] = simulate_walk(one, self.seed, self.level, perfect)
-        recording = self._walks[perfect].recording
-        truth = recording.truth
-        assert isinstance(truth, TrajectoryTruth)
-        assert truth.nav_R_body is not None
-        heading_deg = float(np.rad2deg(compute_heading(truth.nav_R_body[0])))
+        walked = self._walks[perfect]
+        heading_deg = float(np.rad2deg(compute_heading(walked.attitude[0])))
         calibration = simulate_calibration(one, self.seed) if magnetometer == LOOP else None
         options = Options(use_magnetometer=magnetometer != NONE, heading_deg=heading_deg)
-        prepared = prepare_walk(Walk.of(recording, options, calibration))
+        prepared = prepare_walk(Walk.of(walked.recording, options, calibration))
         return calibrate_on_itself(prepared) if magnetometer == WALK else prepared
 
     @property
@@ -108,9 +110,7 @@ def simulate_walk(name: str | Scenario, seed: int, level: str, calibrated: bool 
     if level not in MIXTURES:
         return simulate(name, seed, Choices(field=level, calibrated=calibrated))
     smooth, indoor = (simulate(name, seed, Choices(field=one, calibrated=calibrated)) for one in ("smooth", "indoor"))
-    one, other = smooth.recording.mag, indoor.recording.mag
-    assert one is not None
-    assert other is not None
+    one, other = smooth.mag, indoor.mag
     mixed = (1.0 - MIXTURES[level]) * one + MIXTURES[level] * other
     return replace(smooth, recording=replace(smooth.recording, mag=mixed))
 
@@ -145,14 +145,15 @@ class Recorded:
     beside: tuple[Path, ...] = ()  # Other files that the reader looks at.
     reading: Reading = Reading()
     contents: tuple[tuple[str, bytes], ...] = ()  # Of its files by name, for a worker with another disk (`pack`).
-    landmarks: tuple[Passing, ...] = ()  # None.
+    landmarks: ClassVar[Sequence[Passing]] = ()
 
     @property
     def files(self) -> list[Path]:
         """All of its files, the recording first."""
         return [self.path, *self.beside, *([] if self.truth is None else [self.truth])]
 
-    def sums(self) -> dict[str, str]:
+    @cached_property
+    def description(self) -> dict[str, str]:
         """SHA-256 of each file by its name, empty of one that cannot be read: a file that changed makes others."""
         sums = dict.fromkeys((path.name for path in self.files), "")
         for path in self.files:

@@ -22,8 +22,7 @@ from rich.text import Text
 
 from fg_nav.errors import OutputError
 from fg_nav.lab.reproduce import results
-from fg_nav.lab.reproduce.drawing import PICTURES
-from fg_nav.lab.reproduce.results import MISSED, MISSED_EXPLAINED, Picture, Reproduction
+from fg_nav.lab.reproduce.results import MISSED, MISSED_EXPLAINED, PICTURES, Picture, Reproduction
 from fg_nav.lab.reproduce.runner import run_paper
 from fg_nav.lab.store.files import REPRODUCTION_MARKER, list_visible, make_folder, write_text
 from fg_nav.report.folder import lock_result, unwritable

@@ -50,6 +50,7 @@ MEANINGS = {
 TOLERANCE = 0.4  # Share of the printed figure: one walk of theirs, a median of ours, another sensor and building.
 LOW_PERCENT, HIGH_PERCENT = 5.0, 95.0  # Of the walks, about the median.
 FORM = 2  # Of the file.
+PICTURES = "pictures"  # Folder of the pictures of a reproduction.
 
 _TIMES = ("s", "min", "h")
 
@@ -181,7 +182,10 @@ class Line(Row):
 
 @dataclass(frozen=True)
 class Planned:
-    """An experiment: its rows, the column that is judged, and the scenario that its methods walk, if they do."""
+    """An experiment: its rows, the column that is judged, and the scenario that its methods walk, if they do.
+
+    Its figure in the paper, what that shows, and what is drawn of ours, "{}" for by whom.
+    """
 
     __pydantic_config__ = ConfigDict(extra="forbid")
 
@@ -192,6 +196,10 @@ class Planned:
     columns: tuple[str, ...]
     judged: str
     rows: tuple[Line, ...]
+    figure: int = 0
+    shows: str = ""
+    drawn: str = ""
+    labels: Mapping[str, str] = field(default_factory=dict)  # of the figure, by what is in it
     scenario: str = ""
 
     def lines(self, levels: Sequence[str]) -> list[Line]:

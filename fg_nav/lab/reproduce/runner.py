@@ -16,16 +16,31 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from matplotlib.figure import Figure
+
 from fg_nav.lab.campaign.execute import Task, make, run_task, settings_of, simulated_keys
 from fg_nav.lab.campaign.walks import LOOP
 from fg_nav.lab.processes import run_tasks
-from fg_nav.lab.reproduce.results import Experiment, Line, Picture, Reproduction, Spread, Table, read_table, spread_of
+from fg_nav.lab.reproduce.drawing import draw_paths
+from fg_nav.lab.reproduce.results import (
+    PICTURES,
+    Experiment,
+    Line,
+    Picture,
+    Planned,
+    Reproduction,
+    Spread,
+    Table,
+    read_table,
+    spread_of,
+)
 from fg_nav.lab.simulation.fields.building import CLUTTERS, SMOOTH_KINDS
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.files import make_folder
 from fg_nav.lab.store.results import USED, Arrays, Key, Measurement, Result, read_result
-from fg_nav.lab.walked import AS_STARTED, BEST_YAW, error_reduction_percent
+from fg_nav.lab.walked import AS_STARTED, BEST_YAW
 from fg_nav.magnetic import DETECTORS
+from fg_nav.report.plots import style
 from fg_nav.text import format_count
 
 RESULTS_FOLDER = "cells"  # Of the folder of a reproduction.
@@ -33,7 +48,7 @@ FIELDS: dict[str, Any] = {"smooth": SMOOTH_KINDS, **CLUTTERS}  # Objects and flo
 
 Parts = Mapping[str, Sequence[Measurement]]  # By kind.
 Measures = Mapping[str, Callable[[Line], Mapping[str, Spread]]]  # By the first word of `Line.measure`: by column.
-Figure = Callable[[Result], float | None]  # Of a walk; None where it has none.
+WalkFigure = Callable[[Result], float | None]  # None where the walk has none.
 
 
 @dataclass(frozen=True)
@@ -57,10 +72,10 @@ class Made:
 
 @dataclass(frozen=True)
 class Found:
-    """How rows are read off what was made, the pictures of each experiment, and parameters besides the methods'."""
+    """How rows are read off what was made, figures by experiment and drawn by whom, and parameters beside methods'."""
 
     measures: Measures
-    pictures: Mapping[str, Sequence[Picture]]
+    figures: Mapping[str, Mapping[str, Figure]]
     parameters: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -89,23 +104,30 @@ def run_paper(
     run_missing(folder, keys, [part for some in parts.values() for part in some], workers, progress)
     # read the rows off it
     made = Made(table, folder, levels, read_walks(folder, keys), parts)
-    found = paper.read(made)
+    with style.styled():
+        found = paper.read(made)
+        figures = {
+            **found.figures,
+            **{one.name: {"": draw_paths(made, one)} for one in table.experiments if one.scenario},
+        }
+        pictures = {
+            one.name: [_save(folder, one, by, figure) for by, figure in figures.get(one.name, {}).items()]
+            for one in table.experiments
+        }
     experiments = []
     for planned in table.experiments:
         rows = []
         for line in planned.lines(levels):
             what = str(line.measure[0])
-            if what in FIGURES:  # of each method of a filter, over the walks through a scenario
-                methods = table.filters[line.of].items()
-                ours = {
-                    one: spread_over(made.of(planned.scenario, line.level, by), FIGURES[what]) for one, by in methods
-                }
+            if what in WALK_FIGURES:  # of each method of a filter, over the walks through a scenario
+                methods, figure = table.filters[line.of].items(), WALK_FIGURES[what]
+                ours = {one: spread_over(made.of(planned.scenario, line.level, by), figure) for one, by in methods}
             else:
                 ours = dict(found.measures[what](line))
             ours = {column: one for column, one in ours.items() if one.n and column not in line.without}
             rows += [table.judge(line, ours)] if ours else []
-        title, pictures = f"{planned.title} ({planned.source})", found.pictures.get(planned.name, ())
-        experiments.append(Experiment(planned.name, title, planned.setting, planned.columns, rows, pictures))
+        title, drawn = f"{planned.title} ({planned.source})", pictures[planned.name]
+        experiments.append(Experiment(planned.name, title, planned.setting, planned.columns, rows, drawn))
     return Reproduction(
         table.paper,
         table.citation,
@@ -118,6 +140,13 @@ def run_paper(
             **found.parameters,
         },
     )
+
+
+def _save(folder: Path, planned: Planned, by: str, figure: Figure) -> Picture:
+    """Write the figure of an experiment, drawn by an estimator or, with no name, of all."""
+    file = f"{PICTURES}/figure-{planned.figure:02d}{f'-{by}' if by else ''}.png"
+    style.save(figure, folder / file)
+    return Picture(file, f"Fig. {planned.figure} of the paper: {planned.shows}; ours: {planned.drawn.format(by)}")
 
 
 def run_missing(
@@ -226,7 +255,7 @@ def max_percent(result: Result) -> float | None:
     return None if errors is None or errors.max_m is None else 100.0 * errors.max_m / errors.distance_m
 
 
-FIGURES: dict[str, Figure] = {
+WALK_FIGURES: dict[str, WalkFigure] = {
     **{name: partial(walk_error, name=name) for name in ("end_m", "end_percent", "heading_deg", "mean_m", "max_m")},
     "landmark_mean_m": partial(at_landmarks, of=mean),
     "landmark_max_m": partial(at_landmarks, of=max),
@@ -237,20 +266,20 @@ FIGURES: dict[str, Figure] = {
 }  # By the names that tables have for them; what those of errors mean: `fg_nav.lab.walked`.
 
 
-def spread_over(results: Sequence[Result], figure: Figure) -> Spread:
+def spread_over(results: Sequence[Result], figure: WalkFigure) -> Spread:
     """Median and spread over walks; a failed walk is infinitely wrong."""
     values = [math.inf if result.failed else figure(result) for result in results]
     return spread_of([value for value in values if value is not None])
 
 
-def reduction_over(results: Sequence[Result], reference: Sequence[Result], figure: Figure) -> Spread:
+def reduction_over(results: Sequence[Result], reference: Sequence[Result], figure: WalkFigure) -> Spread:
     """Median and spread, over walks, of the reduction of a figure against that of another method on the same walk."""
     theirs = {result.key.walk: figure(result) for result in reference}
     found = []
     for result in results:
         one, other = figure(result), theirs.get(result.key.walk)
         if one is not None and other:
-            found.append(error_reduction_percent(one, other))
+            found.append(100.0 * (1.0 - one / other))
         elif result.failed:
             found.append(-math.inf)
     return spread_of(found)

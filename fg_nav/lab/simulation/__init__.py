@@ -20,11 +20,10 @@ Data flow, one file or package each:
 from fg_nav.lab.simulation.feet import SimulatedFeet, simulate_feet
 from fg_nav.lab.simulation.person import Person
 from fg_nav.lab.simulation.scenarios import SCENARIOS, Choices, Scenario, scenario
-from fg_nav.lab.simulation.walk import BiasTruth, Passing, SimulatedWalk, simulate
+from fg_nav.lab.simulation.walk import Passing, SimulatedWalk, simulate
 
 __all__ = [
     "SCENARIOS",
-    "BiasTruth",
     "Choices",
     "Passing",
     "Person",

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields
 from functools import cache
-from typing import Annotated, Any, TypeAlias, cast, get_type_hints
+from typing import Annotated, Any, Self, TypeAlias, cast, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 
 from fg_nav.errors import SimulationError
+from fg_nav.text import describe_invalid
 
 Finite: TypeAlias = Annotated[float, Field(allow_inf_nan=False)]
 NotNegative: TypeAlias = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
@@ -21,6 +24,23 @@ Spread: TypeAlias = tuple[NotNegative, NotNegative, NotNegative]
 """Along three axes; of standard deviations."""
 
 
+class Table(BaseModel):
+    """A table of a file: no other keys, and no value of another type."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    @classmethod
+    def read(cls, content: Mapping[str, Any]) -> Self:
+        """Read it; raises `SimulationError` naming the first key that is wrong.
+
+        Read as JSON, where lists are tuples and whole numbers are numbers, but nothing else is converted.
+        """
+        try:
+            return cls.model_validate_json(json.dumps(content, default=str))
+        except ValidationError as error:
+            raise SimulationError(describe_invalid(error, cls)) from None
+
+
 @dataclass(frozen=True)
 class Checked:
     """A dataclass whose fields hold what their annotations allow; raises `SimulationError` naming the wrong one."""
@@ -31,7 +51,8 @@ class Checked:
         try:
             _find_model(cast(Any, type(self))).model_validate(values)
         except ValidationError as error:
-            raise SimulationError(f"{describe_wrong(error)[:-1]} in a {type(self).__name__}.") from None
+            kind = type(self)
+            raise SimulationError(f"{describe_invalid(error, kind)[:-1]} in a {kind.__name__}.") from None
 
 
 @cache
@@ -42,13 +63,7 @@ def _find_model(kind: Any) -> type[BaseModel]:
     return create_model(kind.__name__, __config__=config, **columns)
 
 
-def describe_wrong(error: ValidationError) -> str:
-    """One sentence on the first value that is wrong: which key, and what to give instead."""
-    first = error.errors()[0]
-    name = ".".join(str(part) for part in first["loc"])
-    return f"{name} cannot be {shorten(repr(first['input']))}: {first['msg'].replace('Input should be', 'give')}."
-
-
-def shorten(text: str, most: int = 80) -> str:
-    """Cut a text that is too long for a sentence."""
-    return text if len(text) <= most else f"{text[:most]}..."
+def check_known(what: str, name: str, known: Collection[str]) -> None:
+    """Raise `SimulationError` if there is no such thing of this name."""
+    if name not in known:
+        raise SimulationError(f"there is no {what} '{name}': choose one of {', '.join(known)}.")

@@ -171,9 +171,7 @@ class SimulatedFeet:
     @cached_property
     def person(self) -> TrajectoryTruth:
         """The middle of the feet at the samples of the right one."""
-        truth = self.right.recording.truth
-        assert isinstance(truth, TrajectoryTruth)
-        return self.person_at(truth.t)
+        return self.person_at(self.right.truth.t)
 
 
 def simulate_feet(

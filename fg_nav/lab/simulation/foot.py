@@ -58,7 +58,6 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats
-from fg_nav.errors import SimulationError
 from fg_nav.lab.simulation.motion import Kinematics, Ramps, Strides, average_over_period, compute_kinematics
 from fg_nav.lab.simulation.person import DEG, Mount, Person
 
@@ -235,8 +234,7 @@ def build_foot_motion(
 ) -> FootMotion:
     """Motion of a sensor on the foot that makes these strides; a restless one rocks in standing as it walks.
 
-    The mount is drawn here where it still has scatter. Raises `SimulationError` if strides overlap, last no time, or
-    are not finite.
+    The mount is drawn here where it still has scatter.
     """
     drawn = mount.draw(rng)
     steps = draw_steps(strides, person, drawn.unrest, rng)
@@ -254,11 +252,7 @@ def build_foot_motion(
 
 
 def draw_steps(strides: Strides, person: Person, unrest: float, rng: np.random.Generator) -> Steps:
-    """Draw what varies from stride to stride, with so much of a foot's turning in stance (`Mount.unrest`).
-
-    Raises `SimulationError` if strides overlap, last no time, or are not finite.
-    """
-    _check(strides)
+    """Draw what varies from stride to stride, with so much of a foot's turning in stance (`Mount.unrest`)."""
     nothing = np.zeros(len(strides))
     steps = Steps(strides, person, nothing, nothing, nothing, nothing, nothing)
     white = rng.standard_normal((5, len(strides)))
@@ -437,22 +431,3 @@ def _rock_once(steps: Steps, index: int, span: Floats, rate_rad_s: float, rng: n
             start, width, rise = np.append(start, leave), np.append(width, land - leave), np.append(rise, -rise.sum())
         moves.append(Moves(start, width, rise))
     return moves
-
-
-def _check(strides: Strides) -> None:
-    """Raise `SimulationError` if strides overlap, last no time, or are not finite."""
-    count = len(strides)
-    shapes = [np.shape(x) for x in (strides.duration, strides.style, strides.footprint, strides.heading)]
-    if shapes != [(count,), (count,), (count + 1, 3), (count + 1,)]:
-        raise SimulationError(f"{count} strides have arrays of shapes {shapes}: give one footprint more than strides.")
-    for name in ("start", "duration", "footprint", "heading", "end_s"):
-        if not np.isfinite(getattr(strides, name)).all():
-            raise SimulationError(f"the {name} of the strides is not finite: check the path.")
-    end = strides.start + strides.duration
-    bad = (strides.duration <= 0) | (strides.start < 0) | (end > np.append(strides.start[1:], strides.end_s) + 1e-6)
-    if bad.any():
-        k = int(np.argmax(bad))
-        raise SimulationError(
-            f"stride {k}, {strides.duration[k]:.3f} s from {strides.start[k]:.3f} s on, begins before 0, lasts no time "
-            "or reaches into the next: check its times."
-        )

@@ -145,10 +145,6 @@ class Ramps:
     rise: Floats
     begun_at: float = 0.0
 
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.start).all() and np.isfinite(self.width).all() and (self.width > 0).all()):
-            raise SimulationError("a ramp has no time to happen in: give strides a positive, finite duration.")
-
     @classmethod
     def of(cls, start: Floats, width: Floats, rise: Floats, begun_at: float = 0.0) -> Ramps:
         """Ramps in any order; those that rise by nothing are left out."""

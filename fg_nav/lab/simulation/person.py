@@ -21,7 +21,6 @@ from pydantic import Field
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats
-from fg_nav.errors import SimulationError
 from fg_nav.lab.simulation.checks import Checked, Finite, NotNegative, Positive, Share, Spread, Triple
 from fg_nav.lab.simulation.motion import Style
 
@@ -56,12 +55,6 @@ class Gait(Checked):
     slip_sd_m: NotNegative = 0.0010  # Its scatter.
     shock_m_s2: NotNegative = 18.0  # Specific force that the heel strike adds at its peak (gdin: peaks of 3 to 9 g).
     shock_rad_s: NotNegative = 90.0 * DEG  # Rate that it adds (gdin: most of the power below 24 Hz).
-
-    def __post_init__(self) -> None:
-        """Check all fields."""
-        super().__post_init__()
-        if not self.climb[0] < self.climb[1]:
-            raise SimulationError(f"climb cannot be {self.climb}: give two rising shares in a Gait.")
 
     def scaled(self, factors: Mapping[str, float], longer_swing: float) -> Gait:
         """Gait with fields times these factors, its swing longer by a share of the stride; no more than can be."""

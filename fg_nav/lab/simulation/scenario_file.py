@@ -26,23 +26,21 @@ its first is closed: it begins in the middle of its first leg, all its corners a
 
 from __future__ import annotations
 
-import json
-import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path as File
 from typing import Annotated, Any, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field
 
-from fg_nav.errors import SimulationError
-from fg_nav.lab.simulation.checks import describe_wrong
+from fg_nav.errors import FgNavError, SimulationError
+from fg_nav.lab.simulation.checks import Table
 from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.path import polyline
 from fg_nav.lab.simulation.plan import Section, Stand, Walk
 from fg_nav.lab.simulation.scenarios import Feet, Rests, Scenario, Worn, scenario
 from fg_nav.lab.simulation.sensors import read_sensor
-from fg_nav.text import read_small
+from fg_nav.text import parse_toml, read_small
 
 SUFFIX = ".toml"
 
@@ -51,18 +49,14 @@ MAX_REST_S = 86_400.0  # A day.
 LARGEST = 1e100  # No number is larger.
 MOST = 1_000_000  # Laps and strides: more than in a day of walking.
 
-_STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
-
 Number: TypeAlias = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 
 
-class RouteTable(BaseModel):
+class RouteTable(Table):
     """The table `course` of the file."""
 
-    model_config = _STRICT
-
     points_m: Annotated[tuple[tuple[Number, Number], ...], Field(min_length=2)]
-    corner_radius_m: Number = 1.2
+    corner_radius_m: Annotated[float, Field(gt=0.0, le=LARGEST)] = 1.2
     laps: Annotated[int, Field(ge=1, le=MOST)] = 1
     rest_s: Annotated[float, Field(ge=0.0, le=MAX_REST_S)] = 5.0
     pace: Number = 1.0
@@ -86,10 +80,8 @@ class RouteTable(BaseModel):
         return [Stand(self.rest_s), walk, Stand(self.rest_s)]
 
 
-class ScenarioTable(BaseModel):
+class ScenarioTable(Table):
     """The whole file; None is as in the scenario it is like."""
-
-    model_config = _STRICT
 
     course: RouteTable
     like: str = "demo"
@@ -108,47 +100,23 @@ def read_scenario(path: File) -> Scenario:
 
     Raises `SimulationError` if the file cannot be read, has unknown parameters, or describes what cannot be.
     """
-    try:
-        text = read_small(path).decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise SimulationError(f"{path.name} is no TOML: {error}.") from None
-    return parse_scenario(path.name, text)
+    return parse_scenario(path.name, read_small(path))
 
 
-def parse_scenario(file: str, text: str) -> Scenario:
-    """Return the scenario of a file's text; raises as `read_scenario` does."""
+def parse_scenario(file: str, content: bytes) -> Scenario:
+    """Return the scenario of a file's content; raises as `read_scenario` does."""
     try:
-        return _make_scenario(File(file).stem, tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
-        raise SimulationError(f"{file} is no TOML: {error}.") from None
-    except (ValueError, RecursionError, OverflowError):  # Python reads so many digits only, and lists in so many lists
-        raise SimulationError(f"{file} has a number too long or a list too deep to be read: correct it.") from None
-    except SimulationError as error:
+        return _make_scenario(File(file).stem, parse_toml(content))
+    except FgNavError as error:
         raise SimulationError(f"{file}: {error}") from None
 
 
 def _make_scenario(name: str, content: Mapping[str, Any]) -> Scenario:
     if "course" not in content:
         raise SimulationError("it has no table [course]: give its points_m.")
-    table = _read_table(content)
+    table = ScenarioTable.read(content)
     like = scenario(table.like)
-    sections = table.course.make_sections()
     sensor = table.sensor if isinstance(table.sensor, str) else read_sensor(table.sensor, like.prior)
+    sections = table.course.make_sections()
     given = table.model_dump(exclude={"course", "like", "sensor"}, exclude_none=True)
     return replace(like, name=name, summary=f"{name}{SUFFIX}", route=lambda _: sections, sensor=sensor, **given)
-
-
-def _read_table(content: Mapping[str, Any]) -> ScenarioTable:
-    """Validate as JSON, where lists are tuples and whole numbers are numbers, but nothing else is converted."""
-    try:
-        return ScenarioTable.model_validate_json(json.dumps(content, default=str))
-    except ValidationError as error:
-        first = error.errors()[0]
-        *table, key = (str(part) for part in first["loc"])
-        if first["type"] == "extra_forbidden":
-            known = (RouteTable if table else ScenarioTable).model_fields
-            where = ".".join(table) or "the file"
-            raise SimulationError(f"{where} has no parameter '{key}': it knows {', '.join(known)}.") from None
-        if first["type"] == "missing":
-            raise SimulationError(f"{'.'.join((*table, key))} is missing: give it.") from None
-        raise SimulationError(describe_wrong(error)) from None

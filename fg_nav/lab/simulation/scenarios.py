@@ -16,6 +16,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.errors import SimulationError
 from fg_nav.lab.simulation import routes
+from fg_nav.lab.simulation.checks import check_known
 from fg_nav.lab.simulation.fields import (
     AS_PRINTED,
     LEVELS,
@@ -108,9 +109,12 @@ class Choices:
         """
         chosen = {name: getattr(self, name) for name in ("sensor", "site", "field", "worn", "rests", "feet")}
         changed = replace(scenario, **{name: value for name, value in chosen.items() if value is not None})
-        _check_choice("a sensor cannot be worn at", changed.worn, WORN)
-        _check_choice("rests cannot be", changed.rests, RESTS)
-        _check_choice("feet cannot be", changed.feet, FEET)
+        for what, one, known in (
+            ("place to wear a sensor at", changed.worn, WORN),
+            ("kind of rests", changed.rests, RESTS),
+            ("kind of feet", changed.feet, FEET),
+        ):
+            check_known(what, one, known)
         prior = changed.prior if self.rate_hz is None else changed.prior.at_rate(self.rate_hz)
         if self.calibrated:
             if prior.mag is None:
@@ -118,11 +122,6 @@ class Choices:
             prior = prior.with_iron(IronPrior())
         changed = replace(changed, sensor=prior, aligned=changed.aligned or self.aligned)
         return _rotate_scenario(changed, self.turned_deg) if self.turned_deg else changed
-
-
-def _check_choice(what: str, chosen: str, known: Sequence[str]) -> None:
-    if chosen not in known:
-        raise SimulationError(f"{what} '{chosen}': choose one of {', '.join(known)}.")
 
 
 def _rotate_scenario(scenario: Scenario, degrees: float) -> Scenario:
@@ -199,8 +198,7 @@ def scenario(name: str) -> Scenario:
 
     Raises `SimulationError` for any other name.
     """
-    if name not in SCENARIOS:
-        raise SimulationError(f"there is no scenario '{name}': choose one of {', '.join(SCENARIOS)}.")
+    check_known("scenario", name, SCENARIOS)
     return SCENARIOS[name]
 
 
@@ -215,8 +213,7 @@ def draw_surroundings(of: Scenario, earth: Homogeneous, points: Floats, rng: np.
 
 
 def _draw_background(name: str, earth: Homogeneous, points: Floats, rng: np.random.Generator) -> Field:
-    if name not in FIELDS:
-        raise SimulationError(f"there is no field '{name}': choose one of {', '.join(FIELDS)}.")
+    check_known("field", name, FIELDS)
     if name not in STREET_FIELDS:
         return draw_environment(name, earth, points, rng)
     # the street goes from where the walk begins to the farthest of its places

@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import SimulationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation.fields import Field, Homogeneous, find_earth_field
@@ -38,7 +38,7 @@ from fg_nav.lab.simulation.person import MOUNTS, Mount, Person
 from fg_nav.lab.simulation.plan import Crossing, Stand, WalkPlan, plan_walk
 from fg_nav.lab.simulation.routes import remove_rests
 from fg_nav.lab.simulation.scenarios import Choices, Scenario, draw_surroundings, scenario
-from fg_nav.lab.simulation.sensors import Sensor, SensorRun
+from fg_nav.lab.simulation.sensors import BiasTruth, Sensor, SensorRun
 from fg_nav.lab.simulation.thigh import Pocket, build_thigh_motion
 from fg_nav.recording import MIN_SAMPLES, Provenance, Recording
 from fg_nav.truth import TrajectoryTruth
@@ -79,15 +79,6 @@ Progress: TypeAlias = Callable[[float], None]
 
 
 @dataclass(frozen=True)
-class BiasTruth:
-    """True biases: `t` (M,) s, `gyr` (M, 3) rad/s, `acc` (M, 3) m/s^2."""
-
-    t: Floats
-    gyr: Floats
-    acc: Floats
-
-
-@dataclass(frozen=True)
 class Passing:
     """A landmark that is passed: at `time_s`, the foot being flat, the sensor is at `position` (3,) m."""
 
@@ -107,7 +98,6 @@ class SimulatedWalk:
     choices: Choices
     seed: int
     recording: Recording  # With `TrajectoryTruth`.
-    fresh: Bools | None  # (N,) True where the magnetometer has a new sample; None without one.
     biases: BiasTruth  # Once a second.
     strides: Strides  # Of the foot; for a pocket, of the foot below; none on a table.
     flat: Floats | None  # (K + 1, 2) s, from when to when the foot stands flat; None for a pocket and a table.
@@ -118,11 +108,27 @@ class SimulatedWalk:
     drawn: dict[str, Any]  # The sensor as drawn and as switched on, for JSON.
     person: Person  # Who walked.
 
+    @property
+    def truth(self) -> TrajectoryTruth:
+        """The recording's."""
+        assert isinstance(self.recording.truth, TrajectoryTruth)
+        return self.recording.truth
+
+    @property
+    def attitude(self) -> Floats:
+        """True nav_R_body (N, 3, 3)."""
+        assert self.truth.nav_R_body is not None
+        return self.truth.nav_R_body
+
+    @property
+    def mag(self) -> Floats:
+        """The recording's field (N, 3) uT in the body frame, of a sensor with a magnetometer."""
+        assert self.recording.mag is not None
+        return self.recording.mag
+
     def nav_field(self, sample: Ints) -> Floats:
         """True field (F, 3) uT in nav where the sensor is at these samples (F,) of the recording."""
-        truth = self.recording.truth
-        assert isinstance(truth, TrajectoryTruth)
-        return self.field.at(truth.position[sample] + self.origin)
+        return self.field.at(self.truth.position[sample] + self.origin)
 
 
 def say_nothing(_: float) -> None:
@@ -216,14 +222,12 @@ def record_walk(
     truth = TrajectoryTruth(rows["taken"], position, rows["nav_R_body"])
     clock_rate = 1.0 + run.sensor.clock_scale_error
     seconds = np.arange(0.0, strides.end_s)
-    biases = run.biases_at(seconds)
     return SimulatedWalk(
         scenario=outing.scenario,
         choices=outing.choices,
         seed=seed,
         recording=Recording(rows["t"], rows["acc"], rows["gyr"], rows.get("mag"), truth, provenance),
-        fresh=rows.get("fresh"),
-        biases=BiasTruth(seconds * clock_rate, biases.gyr, biases.acc),
+        biases=replace(run.biases_at(seconds), t=seconds * clock_rate),
         strides=replace(
             strides, **{name: clock_rate * getattr(strides, name) for name in ("start", "duration", "end_s")}
         ),
@@ -296,7 +300,7 @@ def _measure_blocks(
         t = np.arange(begin, min(begin + BLOCK, count), dtype=np.float64) * period_s
         state = motion.at(t)
         samples = run.measure(t, *motion.sampled(t, period_s), body_field)
-        parts = {name: getattr(samples, name) for name in ("t", "taken", "acc", "gyr", "mag", "fresh")}
+        parts = {name: getattr(samples, name) for name in ("t", "taken", "acc", "gyr", "mag")}
         parts |= {"position": state.position[samples.row], "nav_R_body": state.nav_R_body[samples.row]}
         for name, part in parts.items():
             if part is not None:

@@ -24,10 +24,10 @@ from fg_nav.lab.field_survey import (
     SETTINGS,
     FieldSurvey,
     SampleSurvey,
+    judge_samples,
     parse_detectors,
     require_field,
     survey_field,
-    survey_samples,
 )
 from fg_nav.lab.verbs import DetectRequest
 from fg_nav.lab.verbs.allan import print_place
@@ -58,7 +58,7 @@ def detect(request: DetectRequest) -> Answer:
             walk = correct_walk(read_walk(file, options, reading))
             if walk.recording.mag is None and walk.magnetometer is not None and walk.magnetometer.notes:
                 raise MagneticError(f"{walk.magnetometer.notes[0]}.")
-            samples = survey_samples(walk.recording)
+            samples = judge_samples(walk.recording)
             content = describe_samples(walk, samples)
             with target.open() as folder:
                 save(plot_samples(samples), folder / "field.png")
@@ -164,8 +164,8 @@ def collect_survey_notes(walk: Walk) -> list[str]:
 def describe_samples(walk: Walk, survey: SampleSurvey) -> dict[str, object]:
     """Return for JSON all that reproduces the survey of the samples, and its result."""
     found = {
-        "judged": int(survey.verdicts.judged.sum()),
-        "quasi_static": int(survey.verdicts.quasi_static.sum()),
+        "judged": int(survey.judged.sum()),
+        "quasi_static": int(survey.quasi_static.sum()),
         "share": survey.share,
         "longest_s": survey.longest_s,
         "parameters": SETTINGS,
@@ -177,7 +177,7 @@ def print_samples(walk: Walk, survey: SampleSurvey, place: Path) -> None:
     """Print what passes, the notes, and where the files are."""
     rows = [
         ("detector", f"{SAMPLEWISE}, sample by sample"),
-        ("judged", f"{int(survey.verdicts.judged.sum())} of {len(survey.t)} samples"),
+        ("judged", f"{int(survey.judged.sum())} of {len(survey.t)} samples"),
         ("quasi-static", f"{100 * survey.share:.1f} % of them"),
         ("longest stretch", f"{survey.longest_s:.1f} s"),
     ]

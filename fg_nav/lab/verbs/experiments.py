@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from statistics import median
@@ -10,8 +11,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from fg_nav.commands.shared import RESULTS, Answer
-from fg_nav.lab.campaign.cluster import KILLED
-from fg_nav.lab.campaign.command import TABLES, Summary, choose_cluster, run_campaign
+from fg_nav.lab.campaign.cluster import KILLED, choose_cluster
+from fg_nav.lab.campaign.command import TABLES, run_campaign
 from fg_nav.lab.reproduce.command import print_rows
 from fg_nav.lab.reproduce.command import reproduce as reproduce_paper
 from fg_nav.lab.reproduce.results import describe_reproduction
@@ -41,10 +42,10 @@ def campaign(request: CampaignRequest) -> Answer:
         def show(made: int, total: int) -> None:
             bars.update(bar, total=total, completed=made)
 
-        done = run_campaign(request.plan, out, execute, request.renew, request.retry, show, notify)
-    results = [{**to_json(one.key), "failed": one.failed, "errors": one.errors} for one in done.results]
-    content = {"folder": str(out), "stored_before": done.stored, "results": results}
-    return Answer(content, partial(print_campaign, done, out))
+        done, stored = run_campaign(request.plan, out, execute, request.renew, request.retry, show, notify)
+    results = [{**to_json(one.key), "failed": one.failed, "errors": one.errors} for one in done]
+    content = {"folder": str(out), "stored_before": stored, "results": results}
+    return Answer(content, partial(print_campaign, done, stored, out))
 
 
 def reproduce(request: ReproduceRequest) -> Answer:
@@ -56,11 +57,11 @@ def reproduce(request: ReproduceRequest) -> Answer:
     return Answer({"folder": str(out), **describe_reproduction(found)}, lambda: print_rows(found, out))
 
 
-def print_campaign(done: Summary, place: Path) -> None:
+def print_campaign(done: Sequence[Result], stored: int, place: Path) -> None:
     """Print medians by case and method, what failed, and where the tables are."""
     out = console()
     cases: dict[tuple[str, ...], list[Result]] = {}
-    for result in done.results:
+    for result in done:
         key = result.key
         cases.setdefault((key.group, key.field, key.magnetometer, key.method), []).append(result)
     # Medians of the first kind of error that a walk has.
@@ -77,11 +78,11 @@ def print_campaign(done: Summary, place: Path) -> None:
         "medians over the walks that did not fail; as started, or by the best yaw, or the closure without a truth"
     )
     # Where the results are from, and why some failed.
-    notes = [f"{format_count(len(done.results), 'result')}, {done.stored} of them from before"]
-    other = sum(one.code != code_sum() for one in done.results)
+    notes = [f"{format_count(len(done), 'result')}, {stored} of them from before"]
+    other = sum(one.code != code_sum() for one in done)
     if other:
         notes.append(f"{format_count(other, 'result')} made by other code or libraries: --renew makes them again")
-    failures = [one for one in done.results if one.failed]
+    failures = [one for one in done if one.failed]
     for one in failures[:MAX_REASONS]:
         key = one.key
         case = (key.group, key.field, key.walk, key.magnetometer, key.method)

@@ -35,7 +35,6 @@ from fg_nav.report.folder import RESULT_FILES
 from fg_nav.report.terminal import console, listing, progress
 from fg_nav.system.processes import catch_signals
 from fg_nav.text import find_version, format_count, to_json
-from fg_nav.truth import TrajectoryTruth, Truth
 from fg_nav.verdict import judge_footfalls
 from fg_nav.view.outlets import open_outlets
 from fg_nav.walk import Walk
@@ -132,20 +131,16 @@ def write_feet(folder: Path, feet: SimulatedFeet) -> None:
     """Write recordings, truths and map into an existing folder."""
     for side, walk in feet.sides.items():
         _write_walk(folder, walk, f"{side}.csv", f"{side}.", step_width_m=feet.step_width_m)
-    _write_trajectory(folder / "person.tum", feet.person)
+    person = feet.person
+    assert person.nav_R_body is not None
+    write_tum(folder / "person.tum", person.t, person.position, person.nav_R_body)
     _write_surroundings(folder, feet.right)
 
 
 def _write_walk(folder: Path, walk: SimulatedWalk, recording: str, begin: str, **more: float) -> None:
     write_canonical(walk.recording, folder / recording)
-    _write_trajectory(folder / f"{begin}truth.tum", walk.recording.truth)
+    write_tum(folder / f"{begin}truth.tum", walk.truth.t, walk.truth.position, walk.attitude)
     write_json(folder / f"{begin}truth.json", describe_truth(walk) | more)
-
-
-def _write_trajectory(file: Path, truth: Truth | None) -> None:
-    assert isinstance(truth, TrajectoryTruth)
-    assert truth.nav_R_body is not None
-    write_tum(file, truth.t, truth.position, truth.nav_R_body)
 
 
 def _write_surroundings(folder: Path, walk: SimulatedWalk) -> None:

@@ -4,6 +4,7 @@ import os
 import signal
 import time
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 
 import psutil
@@ -42,6 +43,14 @@ class Endless(Walk):
 
     def prepare(self, magnetometer):
         time.sleep(600.0)
+
+
+@dataclass(frozen=True)
+class Unknown(Walk):
+    """Of a module that a worker does not have."""
+
+    def __reduce__(self):
+        return import_module, ("of_another_version",)
 
 
 def task(name, source=Walk(), magnetometers=("loop",)):

@@ -18,7 +18,7 @@ from pyarrow import parquet
 from fg_nav.errors import OutputError
 from fg_nav.lab.campaign import command as table
 from fg_nav.lab.campaign.cluster import KILLED
-from fg_nav.lab.campaign.command import RESULTS, RESULTS_FOLDER, TABLES, TIMINGS, Summary, run_campaign, write_tables
+from fg_nav.lab.campaign.command import RESULTS, RESULTS_FOLDER, TABLES, TIMINGS, run_campaign, write_tables
 from fg_nav.lab.campaign.execute import run_task
 from fg_nav.lab.store import code
 from fg_nav.lab.store.results import Key, Result, write_result
@@ -86,13 +86,13 @@ def blank(walk, failed="", code="code", group="demo"):
 
 def test_what_is_there_is_joined_and_the_tables_are_the_same_bytes(tmp_path, plan, made, finished):
     shown = []
-    one = run(plan, tmp_path / "one", made, show=lambda *some: shown.append(some))
-    assert (len(one.results), one.stored, sum(made.values())) == (4, 0, 4)
+    found, stored = run(plan, tmp_path / "one", made, show=lambda *some: shown.append(some))
+    assert (len(found), stored, sum(made.values())) == (4, 0, 4)
     assert shown == [(0, 4), (2, 4), (4, 4)]
     for half in sorted((tmp_path / "one" / RESULTS_FOLDER).iterdir())[::2]:
         half.unlink()
-    again = run(plan, tmp_path / "one", made)
-    assert (again.stored, sum(made.values())) == (2, 6)
+    again, stored = run(plan, tmp_path / "one", made)
+    assert (stored, sum(made.values())) == (2, 6)
     assert tables(tmp_path / "one") == tables(finished)
     timed = rows(tmp_path / "one", TIMINGS)
     assert all(row["runtime_s"] > 0.0 and row["code"] == code.code_sum() for row in timed)
@@ -101,7 +101,7 @@ def test_what_is_there_is_joined_and_the_tables_are_the_same_bytes(tmp_path, pla
     assert [(row["walk"], row["method"], row["alignment"]) for row in found] == [
         (walk, method, mode) for walk in ("101", "102") for method in ("iez", "ma2018") for mode in ("origin", "yaw")
     ]
-    by_key = {(one.key.walk, one.key.method): one for one in again.results}
+    by_key = {(one.key.walk, one.key.method): one for one in again}
     for row in found:
         errors = by_key[row["walk"], row["method"]].errors[row["alignment"]]
         assert row["rmse_m"] == errors.rmse_m
@@ -157,7 +157,7 @@ def test_a_changed_recording_is_made_anew_and_a_bad_one_has_its_reason(tmp_path,
     found = [(row["walk"], row["method"], row["alignment"]) for row in rows(tmp_path / "out")]
     assert found == [("bad.csv", "iez", None), ("bad.csv", "ma2018", None)]
     (tmp_path / "walks" / "bad.csv").write_text("time_s\n2\n")
-    assert run(plan, tmp_path / "out", made).stored == 0
+    assert run(plan, tmp_path / "out", made)[1] == 0
 
 
 def test_what_other_code_made_is_reported_and_made_anew_if_wanted(out, plan, made, monkeypatch, fg_nav: FgNav):
@@ -181,7 +181,7 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path, plan, made, fg_nav: 
 
 def test_a_plan_may_grow_and_results_of_no_plan_any_more_are_reported(out, plan, made, capsys):
     plan.write_text(PLAN.replace("seeds = 2", "seeds = 3"))
-    assert run(plan, out, made).stored == 4
+    assert run(plan, out, made)[1] == 4
     assert capsys.readouterr().out == ""
     plan.write_text(PLAN.replace("seeds = 2", "seeds = 2\nfirst_seed = 102"))
     run(plan, out, made)
@@ -204,7 +204,7 @@ def test_a_campaign_holds_its_folder_until_it_ends_however_it_ends(tmp_path, pla
         other.communicate()
     for half in (".results.csv.1.part", f"{RESULTS_FOLDER}/.a.json.1.part"):
         (out / half).touch()
-    assert run(plan, out, made).stored == 0
+    assert run(plan, out, made)[1] == 0
     assert not [path for path in out.rglob("*") if path.name.endswith(".part")]
 
 
@@ -221,7 +221,7 @@ def test_tables_go_while_results_are_missing_and_a_stop_is_reported(out, plan, m
     assert (ran.code, ran.out) == (130, "")
     assert ran.err == "note: stopped: 6 of 8 results are kept, the same command goes on from there\n"
     assert not [name for name in TABLES if (out / name).exists()]
-    assert run(plan, out, made).stored == 6
+    assert run(plan, out, made)[1] == 6
     assert [name for name in TABLES if (out / name).exists()] == list(TABLES)
 
 
@@ -236,7 +236,7 @@ def test_a_full_disk_is_no_reason_to_begin_elsewhere(tmp_path, monkeypatch):
 
 def test_the_end_names_what_failed_and_what_to_do(capsys):
     def printed(*reasons):
-        print_campaign(Summary([blank(str(k), reason) for k, reason in enumerate(reasons)], 0), Path("out"))
+        print_campaign([blank(str(k), reason) for k, reason in enumerate(reasons)], 0, Path("out"))
         return capsys.readouterr().out
 
     out = printed("no stance.")
@@ -277,4 +277,4 @@ def test_ctrl_c_ends_the_campaign_and_its_workers_and_the_same_command_goes_on(t
     assert said == f"note: stopped: {stored} of 2000 results are kept, the same command goes on from there\n"
     until_gone(first.pid)
     plan.write_text(PLAN.replace("seeds = 2", "seeds = 1"))
-    assert run(plan, out, made).stored == 2
+    assert run(plan, out, made)[1] == 2

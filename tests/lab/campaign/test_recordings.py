@@ -2,6 +2,7 @@
 
 import os
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -38,11 +39,11 @@ def test_truths_lie_beside(tmp_path):
 def test_a_mat_beside_belongs_to_the_walk_and_a_changed_file_makes_other_results(tmp_path):
     assert names(tmp_path, "a.csv", "a.mat", "b.mat") == {"a.csv": None, "b.mat": None}
     walk = find_walks([tmp_path])[tmp_path.name, "a.csv"]
-    before = walk.sums()
-    assert before.keys() == {"a.csv", "a.mat"}
+    assert walk.description.keys() == {"a.csv", "a.mat"}
     (tmp_path / "a.mat").write_text("other")
-    assert walk.sums()["a.csv"] == before["a.csv"]
-    assert walk.sums()["a.mat"] != before["a.mat"]
+    after = replace(walk).description
+    assert after["a.csv"] == walk.description["a.csv"]
+    assert after["a.mat"] != walk.description["a.mat"]
 
 
 def test_what_our_commands_write_is_no_walk(tmp_path):

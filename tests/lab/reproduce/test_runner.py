@@ -10,7 +10,7 @@ from fg_nav.errors import OutputError
 from fg_nav.lab.campaign.execute import settings_of, simulated_keys
 from fg_nav.lab.reproduce import aiez2017, ma2018, munoz_diaz2017
 from fg_nav.lab.reproduce.runner import (
-    FIGURES,
+    WALK_FIGURES,
     describe_other_code,
     read_walks,
     reduction_over,
@@ -90,7 +90,7 @@ def test_walks_and_parts_are_made_once(tmp_path, monkeypatch, workers):
     assert shown == pytest.approx([1 / 3, 2 / 3, 1.0])
     walks = read_walks(tmp_path, keys)["demo", "smooth", "iez"]
     assert [one.key.walk for one in walks] == ["3", "4"]
-    assert 0.0 < spread_over(walks, FIGURES["end_m"]).median < 3.0
+    assert 0.0 < spread_over(walks, WALK_FIGURES["end_m"]).median < 3.0
     assert [bool(one.estimate) for one in walks] == [True, False]
     monkeypatch.setattr("fg_nav.lab.reproduce.runner.run_task", None)
     run_missing(tmp_path, keys, [part], workers)
@@ -110,7 +110,7 @@ def test_what_other_code_made_is_counted_and_shown():
 
 def test_figures_are_over_walks_and_a_failed_one_is_infinitely_wrong():
     some = [result("ma2018", seed, 1.0 * seed) for seed in (1, 2, 3)]
-    medians = {name: spread_over(some, figure).median for name, figure in FIGURES.items()}
+    medians = {name: spread_over(some, figure).median for name, figure in WALK_FIGURES.items()}
     assert medians == pytest.approx(
         {
             **dict.fromkeys(("end_m", "heading_deg", "mean_m", "max_m", "landmark_mean_m", "landmark_max_m"), 2.0),
@@ -120,7 +120,7 @@ def test_figures_are_over_walks_and_a_failed_one_is_infinitely_wrong():
         }
     )
     some[0] = replace(some[0], failed="so.", errors={})
-    found = spread_over(some, FIGURES["end_m"])
+    found = spread_over(some, WALK_FIGURES["end_m"])
     assert (found.median, found.high, found.n) == (3.0, np.inf, 3)
     assert used_percent(replace(some[0], used="")) is None
     assert set(settings_of(some[0].key)) == {"method", "stances", "magnetometer", "walk"}  # as a campaign's
@@ -129,7 +129,7 @@ def test_figures_are_over_walks_and_a_failed_one_is_infinitely_wrong():
 def test_a_reduction_is_that_of_each_walk():
     ours = [result("ma2018", 1, 1.0), result("ma2018", 2, 3.0)]
     theirs = [result("iqsf", 2, 4.0), result("iqsf", 1, 2.0)]
-    found = reduction_over(ours, theirs, FIGURES["end_m"])
+    found = reduction_over(ours, theirs, WALK_FIGURES["end_m"])
     assert (found.low, found.median, found.high) == pytest.approx((26.25, 37.5, 48.75))
     failed = [replace(ours[0], failed="so.", errors={}), ours[1]]
-    assert reduction_over(failed, theirs, FIGURES["end_m"]).low == -np.inf
+    assert reduction_over(failed, theirs, WALK_FIGURES["end_m"]).low == -np.inf

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from fg_nav.errors import SimulationError
 from fg_nav.lab.simulation.fields import LEVELS, SITES, Dipoles, Sum, draw_environment, draw_floor
 from fg_nav.lab.simulation.fields.building import (
     CABLE_ROOM_M,
@@ -207,20 +206,6 @@ def test_stairs_have_treads_and_a_way_of_one_point_is_enough():
     for level in LEVELS:
         assert np.isfinite(draw_environment(level, EARTH, here, rng()).at(here + up(0.1))).all()
     assert draw_environment("homogeneous", EARTH, CORRIDOR, rng()) is EARTH
-
-
-@pytest.mark.parametrize(
-    ("level", "way", "words"),
-    [
-        ("outdoor", CORRIDOR, "homogeneous, smooth, indoor"),
-        ("indoor", np.zeros((0, 3)), "path"),
-        ("indoor", np.zeros((4, 2)), "path"),
-        ("smooth", np.full((4, 3), np.nan), "path"),
-    ],
-)
-def test_what_cannot_be_is_refused_in_a_sentence(level, way, words):
-    with pytest.raises(SimulationError, match=words):
-        draw_environment(level, EARTH, way, rng())
 
 
 OLD = [[-3.359, 30.0058, -45.4264], [-7.603, 25.9442, -32.4789], [0.1556, 15.7858, -49.9879]]

@@ -116,9 +116,6 @@ def test_ramps_have_exact_smooth_derivatives_and_stay_where_they_rose_to(ramps: 
     np.testing.assert_array_equal(Ramps.of(*[np.zeros(0)] * 3, 2.0).at(np.arange(3.0))[0], 2.0)
     with pytest.raises(SimulationError, match="instant 2 "):
         ramps.at(np.array([0.0, 2.0, 1.0]))
-    for width in (0.0, -1.0, np.nan):
-        with pytest.raises(SimulationError, match="no time"):
-            Ramps.of(np.zeros(1), np.array([width]), np.ones(1))
 
 
 # ---- kinematics agree with each other
@@ -489,35 +486,10 @@ def test_a_mounting_is_drawn_once_about_its_mean() -> None:
 # ---- what cannot be
 
 
-def strides(**changes: object) -> Strides:
-    places = np.array([[0.0, 0.0, 0.0], [0.0, 1.3, 0.0], [0.0, 2.6, 0.0]])
-    good = Strides(np.array([1.0, 2.0]), np.ones(2), places, np.zeros(3), np.zeros(2, dtype=np.int64), 4.0)
-    return replace(good, **changes)
-
-
-def build(**changes: object) -> FootMotion:
-    return build_foot_motion(strides(**changes), Person(), INSTEP, np.random.default_rng(0))
-
-
 def test_what_cannot_be_is_refused() -> None:
     for make, words in (
-        (lambda: build(duration=np.array([1.1, 1.0])), "stride 0,"),
-        (lambda: build(duration=np.array([1.0, 0.0])), "stride 1,"),
-        (lambda: build(start=np.array([-0.5, 2.0])), "stride 0,"),
-        (lambda: build(end_s=2.5), "stride 1,"),
-        (lambda: build(footprint=np.full((3, 3), np.nan)), "footprint"),
-        (lambda: build(heading=np.zeros(2)), "footprint more than strides"),
         (lambda: Gait(stride_s=0.0), "stride_s cannot be 0.0"),
-        (lambda: Gait(stride_m=-1.0), "stride_m"),
-        (lambda: Gait(variation=0.9), "variation"),
-        (lambda: Gait(swing_share=0.95), "swing_share"),
-        (lambda: Gait(toe_down_rad=2.0), "toe_down_rad"),
-        (lambda: Gait(sole_m=np.nan), "sole_m"),
-        (lambda: Gait(climb=(0.8, 0.2)), "climb"),
-        (lambda: Gait(shock_m_s2=-1.0), "shock_m_s2"),
         (lambda: Person(forward_s_m=0.5), "forward_s_m"),
-        (lambda: Person(rocking_rad_s=-1.0), "rocking_rad_s"),
-        (lambda: replace(INSTEP, tilt_sd_rad=(0.1, -0.1, 0.0)), "tilt_sd_rad"),
         (lambda: Mount(lever_m=(0.0, np.inf, 0.0)), "lever_m"),
     ):
         with pytest.raises(SimulationError, match=words):

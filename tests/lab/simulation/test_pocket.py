@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fg_nav.errors import SimulationError
 from fg_nav.frames import yaw_rotation
 from fg_nav.lab.reproduce.munoz_diaz2017.walks import BORDER_S, mark_borders, replace_field
 from fg_nav.lab.simulation import SCENARIOS, Choices, Person, routes, simulate
@@ -120,9 +119,3 @@ def test_across_a_border_of_two_cylinders_there_is_no_field(ideal):
     assert BORDER_S - 0.01 < since.max() < BORDER_S
     assert not mark_borders(recording.t, place, SITES["munich"]).any()
     np.testing.assert_array_equal(mark_borders(recording.t, place, Sum([SITES["munich"], cylinders])), lost)
-
-
-def test_a_walk_without_attitudes_is_refused(ideal):
-    bare = replace(ideal, recording=replace(ideal.recording, truth=None))
-    with pytest.raises(SimulationError, match="no true attitude"):
-        replace_field(bare, SITES["munich"], 0.0, np.random.default_rng(0))

@@ -17,6 +17,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
@@ -24,8 +25,8 @@ from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.lab import palette
 from fg_nav.lab.campaign.walks import LOOP
 from fg_nav.lab.field_survey import measure_compass_deviation
-from fg_nav.lab.reproduce.drawing import Pictures, new_panels
-from fg_nav.lab.reproduce.results import NOTHING, Line, Picture, Spread
+from fg_nav.lab.reproduce.drawing import new_panels
+from fg_nav.lab.reproduce.results import NOTHING, Line, Spread
 from fg_nav.lab.reproduce.roc import make_roc
 from fg_nav.lab.reproduce.runner import Found, Made, Paper, Parts, describe_walks
 from fg_nav.lab.simulation import SCENARIOS, simulate
@@ -34,7 +35,6 @@ from fg_nav.lab.simulation.scenarios import Choices
 from fg_nav.lab.store.results import Arrays, Key, Measurement
 from fg_nav.magnetic import DETECTORS, average_footfall_field, judge_field
 from fg_nav.report.plots import style
-from fg_nav.truth import TrajectoryTruth
 
 SCENARIO = SCENARIOS["magnet-corridor"]
 CORRIDORS = 20  # The first seeds of a run that are enough: of walks past the magnet.
@@ -44,7 +44,6 @@ CLOSE_S = 8.0  # What is drawn: before and after the footfall that the magnet tu
 
 COLUMNS = {"classical": "qsf-stance", "as printed": "aiez-printed", "physical": "aiez"}  # Detectors of Z-E1.
 TITLES = ("classical QMD", "proposed, as printed", "proposed, with the sigmas of physics")  # Of the same.
-NAMES = {"iez": "IEZ", "qsf-stance": "IEZ + classical QMD", "aiez": "AIEZ"}  # Filters of Z-E2.
 
 
 def list_parts(seeds: Sequence[int], quick: bool) -> Parts:
@@ -63,16 +62,13 @@ def walk_past(strength: int, seed: int) -> Arrays:
     `turned_deg` (F,) is how far the magnet turns the field; the gyroscope's heading begins at the true one.
     """
     walk = simulate(replace(SCENARIO, magnets=SCENARIO.magnets * strength), seed, Choices(calibrated=True))
-    truth = walk.recording.truth
-    assert isinstance(truth, TrajectoryTruth)
-    assert truth.nav_R_body is not None
     assert isinstance(walk.field, Sum)
-    start = float(compute_heading(truth.nav_R_body[0]))
+    start = float(compute_heading(walk.attitude[0]))
     field = average_footfall_field(walk.recording, detect_stances(walk.recording), start)
     arrays = {f"statistic {name}": judge_field(field, name).statistic for name in DETECTORS}
-    place = truth.position[field.sample] + walk.origin
+    place = walk.truth.position[field.sample] + walk.origin
     turned = measure_compass_deviation(walk.field.at(place), walk.field.parts[0].at(place))
-    places = {"place": truth.position[field.sample, :2], "magnet": np.array(SCENARIO.magnets[0]) - walk.origin}
+    places = {"place": walk.truth.position[field.sample, :2], "magnet": np.array(SCENARIO.magnets[0]) - walk.origin}
     headings = {"t": field.t, "compass": field.force_heading, "gyroscope": field.gyro_heading}
     return arrays | places | headings | {"turned_deg": np.degrees(np.abs(turned))}
 
@@ -80,13 +76,10 @@ def walk_past(strength: int, seed: int) -> Arrays:
 def read_run(made: Made) -> Found:
     """Shares accepted near and far from the magnet, and pictures."""
     past = {strength: made.load(f"{strength}") for strength in STRENGTHS}
-    pictures = Pictures(made.folder)
-    filters = "IEZ, IEZ + classical QMD and AIEZ"
-    building = pictures.keep_paths(made, "teaching-building", NAMES, 7, filters)
-    drawn = {"Z-E1": [draw_verdicts(pictures, past[STRENGTHS[-1]][0])], "Z-E2": [building]}
+    figures = {"Z-E1": {"": draw_verdicts(past[STRENGTHS[-1]][0])}}
     measures = dict.fromkeys(("number", "near", "far", "area"), partial(measure_past, past))
-    corridor = Key(SCENARIO.name, made.levels[0], "", LOOP, "iez")  # its walks are kept as parts, not as results
-    return Found(measures, drawn, describe_walks([corridor], ()))
+    corridor = Key(SCENARIO.name, made.levels[0], "0", LOOP, "iez")  # its walks are kept as parts, not as results
+    return Found(measures, figures, describe_walks([corridor], ()))
 
 
 PAPER = Paper(list_parts, read_run)
@@ -123,23 +116,20 @@ def separation(near: Floats, far: Floats) -> float:
     return make_roc(np.concatenate([far, near]), np.arange(len(far) + len(near)) < len(far)).area
 
 
-def draw_verdicts(pictures: Pictures, walk: Arrays) -> Picture:
+def draw_verdicts(walk: Arrays) -> Figure:
     """Headings by compass and gyroscope beside the magnet, in deg, unwrapped, and what each detector accepts."""
     close = np.abs(walk["t"] - walk["t"][np.nanargmax(walk["turned_deg"])]) < CLOSE_S
     t, gyroscope, near = walk["t"][close], walk["gyroscope"][close], walk["turned_deg"][close] > NEAR[0]
     inertial = np.degrees(np.unwrap(gyroscope))
     compass = inertial + np.degrees(wrap_angle(walk["compass"][close] - gyroscope))
-    with style.styled():
-        figure, panels = new_panels(len(COLUMNS), 1, 3.0 * len(COLUMNS))
-        for axes, title, detector in zip(panels, TITLES, COLUMNS.values(), strict=True):
-            used = walk[f"statistic {detector}"][close] < 1.0
-            axes.plot(t, inertial, color=style.INK, linewidth=1.2, label="INS heading")
-            axes.plot(t, compass, color=palette.ORANGE, linewidth=0.9, label="magnetic heading")
-            axes.plot(t[used], compass[used], "o", color=palette.BLUE, markersize=3.0, label="accepted")
-            axes.plot(t[near], compass[near], "o", mfc="none", mec="red", markersize=9.0, label="disturbed", zorder=5)
-            axes.set_ylabel("heading (deg)")
-            style.head(axes, title, columns=2)
-        panels[-1].set_xlabel("time (s)")
-    what = "detection by classical QMD and by the proposed method beside the magnet"
-    ours = "past ten magnets in one place; dots: accepted, red circles: turned by the magnet by more than 10 deg"
-    return pictures.keep(figure, 6, what, ours)
+    figure, panels = new_panels(len(COLUMNS), 1, 3.0 * len(COLUMNS))
+    for axes, title, detector in zip(panels, TITLES, COLUMNS.values(), strict=True):
+        used = walk[f"statistic {detector}"][close] < 1.0
+        axes.plot(t, inertial, color=style.INK, linewidth=1.2, label="INS heading")
+        axes.plot(t, compass, color=palette.ORANGE, linewidth=0.9, label="magnetic heading")
+        axes.plot(t[used], compass[used], "o", color=palette.BLUE, markersize=3.0, label="accepted")
+        axes.plot(t[near], compass[near], "o", mfc="none", mec="red", markersize=9.0, label="disturbed", zorder=5)
+        axes.set_ylabel("heading (deg)")
+        style.head(axes, title, columns=2)
+    panels[-1].set_xlabel("time (s)")
+    return figure

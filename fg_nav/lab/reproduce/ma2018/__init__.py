@@ -32,6 +32,7 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Bools, Floats, Ints, interpolate_columns
@@ -42,10 +43,10 @@ from fg_nav.frames import wrap_angle
 from fg_nav.lab import palette
 from fg_nav.lab.campaign.walks import LOOP, MIXTURES, RAW, Simulated
 from fg_nav.lab.field_survey import measure_compass_deviation, measure_course_change, measure_field_change
-from fg_nav.lab.reproduce.drawing import Pictures, new_panels
-from fg_nav.lab.reproduce.results import NOTHING, Line, Picture, Spread, spread_of
+from fg_nav.lab.reproduce.drawing import new_panels
+from fg_nav.lab.reproduce.results import NOTHING, Line, Spread, spread_of
 from fg_nav.lab.reproduce.roc import Roc, make_roc
-from fg_nav.lab.reproduce.runner import FIGURES, Found, Made, Measures, Paper, Parts, reduction_over
+from fg_nav.lab.reproduce.runner import WALK_FIGURES, Found, Made, Measures, Paper, Parts, reduction_over
 from fg_nav.lab.simulation import SCENARIOS, Choices, scenario, simulate
 from fg_nav.lab.simulation.fields import SITES
 from fg_nav.lab.simulation.plan import Stand
@@ -61,14 +62,12 @@ from fg_nav.magnetic.footfall_field import (
     rotate_to_level,
 )
 from fg_nav.report.plots import style
-from fg_nav.truth import TrajectoryTruth
 
 LOOPS, NOISES, ROCS = 20, 10, 10  # The first seeds of a run that are enough; ten walks for the sigmas are two hours.
 REST_S, QUICK_REST_S = 7200.0, 600.0  # For so long the first seed's shoe lies on a table.
 
 CIRCLES, OFFICE, MALL = "calibration-loop", "office", "mall"
 SENSOR = "mpu-9250x8"
-NAMES = {"iez": "pure ZUPT", "iqsf": "iQSF", "ma2018": "proposed"}  # The paper's words for its filters.
 PRINTED, PHYSICAL, TUNED = "as printed", "physical", "tuned"  # Columns.
 
 MA_K = np.array([[1.027, 0.037, 0.046], [0.0, 1.018, -0.002], [0.0, 0.0, 1.062]])  # K_c of Table 1, CLSEF.
@@ -119,14 +118,7 @@ def read_run(made: Made) -> Found:
         "end_at_heading": partial(measure_end_at_heading, made),
         "reduction": partial(measure_reduction, made),
     }
-    pictures, filters = Pictures(made.folder), "pure ZUPT, iQSF and the proposed method"
-    drawn = {
-        "M-E1": [draw_headings(pictures, loops[0])],
-        "M-E2b": [draw_rocs(pictures, cases)],
-        "M-E3": [pictures.keep_paths(made, OFFICE, NAMES, 10, f"{filters} in the office")],
-        "M-E4": [pictures.keep_paths(made, MALL, NAMES, 12, f"{filters} in the mall")],
-    }
-    return Found(measures, drawn)
+    return Found(measures, {"M-E1": {"": draw_headings(loops[0])}, "M-E2b": {"": draw_rocs(cases)}})
 
 
 PAPER = Paper(list_parts, read_run)
@@ -144,11 +136,9 @@ def walk_loop(seed: int) -> Arrays:
     """
     choices = Choices(field="homogeneous")
     # iron as in Table 1, in the mean true attitude of the stances
-    bare_walk = simulate(CIRCLES, seed, choices).recording
-    truth = bare_walk.truth
-    assert isinstance(truth, TrajectoryTruth)
-    assert truth.nav_R_body is not None
-    R = compute_level_R_body(truth.nav_R_body[detect_stances(bare_walk).stillest(bare_walk.gyr), 2].mean(axis=0))
+    walk = simulate(CIRCLES, seed, choices)
+    stillest = detect_stances(walk.recording).stillest(walk.recording.gyr)
+    R = compute_level_R_body(walk.attitude[stillest, 2].mean(axis=0))
     on_shoe = replace(scenario(CIRCLES), sensor=preset(SENSOR).with_iron(ma_table_1(R)))
     recording = simulate(on_shoe, seed, choices).recording
     field = average_footfall_field(recording, detect_stances(recording))
@@ -299,10 +289,9 @@ def measure_noise(seed: int, rest_s: float) -> Arrays:
     if rest_s:
         # sample by sample; the rate of a shoe at rest is no more than its bias, which the walk would take off
         still = replace(SCENARIOS["at-rest"], route=lambda rng: [Stand(rest_s)])
-        recording = simulate(still, seed, Choices(sensor=SENSOR, rate_hz=100.0)).recording
-        assert recording.mag is not None
-        mag = recording.mag[np.isfinite(recording.mag).all(axis=1)]
-        level = rotate_to_level(mag, np.broadcast_to(np.nanmean(recording.acc, axis=0), mag.shape))
+        rest = simulate(still, seed, Choices(sensor=SENSOR, rate_hz=100.0))
+        mag = rest.mag[np.isfinite(rest.mag).all(axis=1)]
+        level = rotate_to_level(mag, np.broadcast_to(np.nanmean(rest.recording.acc, axis=0), mag.shape))
         found[AT_REST] = _sigmas(compute_field_heading(level), compute_inclination(level), np.linalg.norm(mag, axis=1))
     return found
 
@@ -332,9 +321,6 @@ def measure_detections(name: str, seed: int) -> Arrays:
     """
     smooth, indoor = (simulate(name, seed, Choices(field=level)) for level in ("smooth", "indoor"))
     recording, sensor = smooth.recording, smooth.drawn["sensor"]
-    assert recording.mag is not None
-    assert indoor.recording.mag is not None
-    assert isinstance(recording.truth, TrajectoryTruth)
     stances = detect_stances(recording)
     attitude = integrate_attitude(recording, stances)
     sample = stances.stillest(recording.gyr)
@@ -342,13 +328,13 @@ def measure_detections(name: str, seed: int) -> Arrays:
     for level, share in SHARES.items():
         # the walk in a mixture of the two fields, its iron removed as drawn
         nav_field = (1 - share) * smooth.nav_field(sample) + share * indoor.nav_field(sample)
-        mixed = (1 - share) * recording.mag + share * indoor.recording.mag
+        mixed = (1 - share) * smooth.mag + share * indoor.mag
         mag = np.linalg.solve(np.array(sensor["soft_iron"]), (mixed - np.array(sensor["hard_iron_uT"])).T).T
         field = average_footfall_field(replace(recording, mag=mag), stances, nav_R_body=attitude)
         # what is true of the stances, and what the detectors make of them
         arrays |= {
             f"{level}/vector_uT": measure_field_change(nav_field, WINDOW),
-            f"{level}/course_deg": np.rad2deg(measure_course_change(recording.truth.position[sample], WINDOW)),
+            f"{level}/course_deg": np.rad2deg(measure_course_change(smooth.truth.position[sample], WINDOW)),
             f"{level}/wrong_deg": np.abs(np.rad2deg(measure_compass_deviation(nav_field, smooth.earth.vector))),
         }
         arrays |= {f"{level}/statistic {detector}": judge_field(field, detector).statistic for detector in DETECTORS}
@@ -448,7 +434,7 @@ def measure_end_at_heading(made: Made, line: Line) -> dict[str, Spread]:
     found = {}
     for column, method in made.table.filters[line.of].items():
         results = [one for one in made.of(OFFICE, line.level, method) if not one.failed]
-        pairs = [(FIGURES["heading_deg"](one), FIGURES["end_m"](one)) for one in results]
+        pairs = [(WALK_FIGURES["heading_deg"](one), WALK_FIGURES["end_m"](one)) for one in results]
         known = np.array([pair for pair in pairs if None not in pair], dtype=np.float64)
         found[column] = NOTHING
         if len(known) >= 2 and np.ptp(known[:, 0]) > 0.0:
@@ -459,7 +445,7 @@ def measure_end_at_heading(made: Made, line: Line) -> dict[str, Spread]:
 
 def measure_reduction(made: Made, line: Line) -> dict[str, Spread]:
     """By how much a figure of the mall is below that of the other filter in the same setting, walk by walk."""
-    others, figure = made.table.filters[line.over], FIGURES[str(line.measure[1])]
+    others, figure = made.table.filters[line.over], WALK_FIGURES[str(line.measure[1])]
     return {
         column: reduction_over(
             made.of(MALL, line.level, method),
@@ -473,42 +459,38 @@ def measure_reduction(made: Made, line: Line) -> dict[str, Spread]:
 # --- Figures 7 and 8 -------------------------------------------------------------------------------------------------
 
 
-def draw_headings(pictures: Pictures, loop: Arrays) -> Picture:
+def draw_headings(loop: Arrays) -> Figure:
     """Figure 7: magnetic less gyro heading of each calibration along the loop."""
     compared = {"CLSEF": "CLSEF", "proposed, as printed": PRINTED, "proposed, fitted": "fitted"}
-    with style.styled():
-        figure, [axes] = new_panels(1, 1, 3.4)
-        axes.axhspan(-5.0, 5.0, color="#DCE9F2", zorder=0)
-        for (label, column), colour in zip(compared.items(), palette.CYCLE[1::-1] + palette.CYCLE[2:], strict=False):
-            heading = np.degrees(loop[f"heading/{CALIBRATIONS[column]}"])
-            axes.plot(heading, ".-", color=colour, linewidth=0.8, markersize=3.0, label=label)
-        axes.set(xlabel="footfall", ylabel="heading difference (deg)")
-        axes.margins(x=0.01)
-        style.head(axes, "Heading by the calibrated magnetometer less heading by the gyroscope")
-    what = "heading after calibration by CLSEF and by the proposed method"
-    return pictures.keep(figure, 7, what, "the calibration loop; shaded: the 5 deg that the paper names")
+    figure, [axes] = new_panels(1, 1, 3.4)
+    axes.axhspan(-5.0, 5.0, color="#DCE9F2", zorder=0)
+    for (label, column), colour in zip(compared.items(), palette.CYCLE[1::-1] + palette.CYCLE[2:], strict=False):
+        heading = np.degrees(loop[f"heading/{CALIBRATIONS[column]}"])
+        axes.plot(heading, ".-", color=colour, linewidth=0.8, markersize=3.0, label=label)
+    axes.set(xlabel="footfall", ylabel="heading difference (deg)")
+    axes.margins(x=0.01)
+    style.head(axes, "Heading by the calibrated magnetometer less heading by the gyroscope")
+    return figure
 
 
-def draw_rocs(pictures: Pictures, cases: Mapping[str, Case]) -> Picture:
+def draw_rocs(cases: Mapping[str, Case]) -> Figure:
     """Figure 8: ROC of the proposed detector, with 170 marked."""
     curves = [(case.roc(MA), f"{field}, {LIMIT_UT[field]:g} uT") for field, case in cases.items()]
-    with style.styled():
-        figure, [axes] = new_panels(1, 1, 4.6, 5.6)
-        for (roc, label), colour in zip(curves, palette.CYCLE, strict=False):
-            if roc is not None:
-                axes.plot(roc.p_fa, roc.p_d, color=colour, label=label)
-                axes.plot(*roc.at(1.0)[::-1], "o", color=colour, markersize=6.0, zorder=5, clip_on=False)
-        ours = cases[BETWEEN].roc(OURS)
-        if ours is not None:
-            looks: dict[str, Any] = {
-                "color": palette.CYCLE[1],
-                "linestyle": (0, (4, 2)),
-                "label": f"{BETWEEN}, physical",
-            }
-            axes.plot(ours.p_fa, ours.p_d, **looks)
-        axes.plot([0, 1], [0, 1], color=style.SOFT_INK, linewidth=0.8, linestyle=(0, (2, 3)))
-        axes.set(xlim=(-0.01, 1.01), ylim=(-0.01, 1.01), xlabel="probability of false alarm")
-        axes.set(ylabel="probability of detection", box_aspect=1)
-        style.head(axes, f"ROC, N = 3; dots: threshold {MA_THRESHOLD:g}", columns=2)
-    what = f"the detector {PRINTED} on the mall in three fields, and with what counts as a change there"
-    return pictures.keep(figure, 8, "ROC of the proposed detector, N = 3", what)
+    figure, [axes] = new_panels(1, 1, 4.6, 5.6)
+    for (roc, label), colour in zip(curves, palette.CYCLE, strict=False):
+        if roc is not None:
+            axes.plot(roc.p_fa, roc.p_d, color=colour, label=label)
+            axes.plot(*roc.at(1.0)[::-1], "o", color=colour, markersize=6.0, zorder=5, clip_on=False)
+    ours = cases[BETWEEN].roc(OURS)
+    if ours is not None:
+        looks: dict[str, Any] = {
+            "color": palette.CYCLE[1],
+            "linestyle": (0, (4, 2)),
+            "label": f"{BETWEEN}, physical",
+        }
+        axes.plot(ours.p_fa, ours.p_d, **looks)
+    axes.plot([0, 1], [0, 1], color=style.SOFT_INK, linewidth=0.8, linestyle=(0, (2, 3)))
+    axes.set(xlim=(-0.01, 1.01), ylim=(-0.01, 1.01), xlabel="probability of false alarm")
+    axes.set(ylabel="probability of detection", box_aspect=1)
+    style.head(axes, f"ROC, N = 3; dots: threshold {MA_THRESHOLD:g}", columns=2)
+    return figure

@@ -35,7 +35,7 @@ from fg_nav.errors import EstimationError
 from fg_nav.frames import compute_heading
 from fg_nav.lab import palette
 from fg_nav.lab.follow_pocket import follow_pocket
-from fg_nav.lab.reproduce.drawing import Pictures, new_panels
+from fg_nav.lab.reproduce.drawing import new_panels
 from fg_nav.lab.reproduce.munoz_diaz2017 import as_printed
 from fg_nav.lab.reproduce.munoz_diaz2017 import walks as simulated
 from fg_nav.lab.reproduce.munoz_diaz2017.walks import (
@@ -48,9 +48,8 @@ from fg_nav.lab.reproduce.munoz_diaz2017.walks import (
     SECOND_NOISES_UT,
     Case,
     Setting,
-    true_attitude,
 )
-from fg_nav.lab.reproduce.results import Line, Picture, Spread, spread_of
+from fg_nav.lab.reproduce.results import Line, Planned, Spread, spread_of
 from fg_nav.lab.reproduce.runner import Found, Made, Paper, Parts
 from fg_nav.lab.simulation import simulate
 from fg_nav.lab.store.results import Arrays, Measurement
@@ -88,10 +87,10 @@ def read_run(made: Made) -> Found:
     """Figures of each seed, and the pictures of the first."""
     lines = [line for planned in made.table.experiments for line in planned.lines(made.levels)]
     values: dict[object, dict[str, list[float]]] = {(line.measure, line.of, line.over): {} for line in lines}
-    drawn: dict[str, list[Picture]] = {}
+    drawn: dict[str, dict[str, Figure]] = {}
     for part in made.parts["seed"]:
         seed = seed_of(part.load(made.folder))
-        drawn = drawn or draw_all(Pictures(made.folder), seed)
+        drawn = drawn or draw_all(seed, made.table.experiments)
         for line in lines:
             for column, value in read_line(seed, line).items():
                 if not math.isnan(value):
@@ -142,6 +141,9 @@ def measure_seed(seed: int, quick: bool) -> Arrays:
     """Walk and estimate; arrays for `seed_of`, by names with slashes."""
     first, second = simulate(simulated.FIRST_WALK, seed), simulated.simulate_second(seed, SECOND_NOISES_UT[0])
     settings = {"first": simulated.read_setting(first), "second": simulated.read_setting(second)}
+    headings = {
+        name: np.unwrap(compute_heading(walk.attitude)) for name, walk in (("first", first), ("second", second))
+    }
     arrays: dict[str, Any] = {}
     for walk, setting in settings.items():
         arrays |= {f"setting/{walk}/{name}": value for name, value in vars(setting).items()}
@@ -155,11 +157,11 @@ def measure_seed(seed: int, quick: bool) -> Arrays:
                 noise_uT = case.mag_sigma_uT
                 second = simulated.simulate_second(seed, noise_uT)
             recording = simulated.record_second(second, case.name, seed)
-        heading = float(compute_heading(true_attitude(recording)[0]))
+        heading = headings[walk_of(case)]
         for name in case.by:
             columns: dict[str, Any] = {"ended": True}
             try:
-                start = level_start(recording, heading)
+                start = level_start(recording, float(heading[0]))
                 if name in FILTERS:
                     parameters, estimate = FILTERS[name]
                     chosen = replace(parameters, field_gated=case.gated, mag_sigma_uT=case.mag_sigma_uT)
@@ -167,7 +169,7 @@ def measure_seed(seed: int, quick: bool) -> Arrays:
                 else:
                     graph = replace(GRAPHS[case in FIRST], mag_sigma_uT=case.mag_sigma_uT)
                     track = (smooth_pocket if name == BATCH else follow_pocket)(recording, graph, start)
-                columns = vars(make_run(track, recording, settings[walk_of(case)]))
+                columns = vars(make_run(track, recording, heading, settings[walk_of(case)]))
             except EstimationError:
                 pass
             arrays |= {f"run/{case.name}/{name}/{what}": one for what, one in columns.items() if one is not None}
@@ -183,8 +185,8 @@ def measure_seed(seed: int, quick: bool) -> Arrays:
     return {name: one.astype(np.float32) if one.dtype == np.float64 else one for name, one in found.items()}
 
 
-def make_run(track: PocketTrack, recording: Recording, setting: Setting) -> Run:
-    """Once a second, and the way by dead reckoning with the length of the whole walk."""
+def make_run(track: PocketTrack, recording: Recording, heading: Floats, setting: Setting) -> Run:
+    """Once a second, and the way by dead reckoning with the length of the whole walk; `heading` (N,) rad is true."""
     try:
         swing = estimate_swing(recording, track, with_force=False)
         steps = find_steps(recording.t, swing.flexion, swing.up_now)
@@ -192,9 +194,7 @@ def make_run(track: PocketTrack, recording: Recording, setting: Setting) -> Run:
         places = np.stack([np.interp(setting.ends, track.t[path.sample], axis) for axis in path.position.T[:2]], axis=1)
     except EstimationError:
         places = np.full((len(setting.ends), 2), np.nan)
-    headings = (compute_heading(R) for R in (track.nav_R_body, true_attitude(recording)))
-    own, true = (np.unwrap(heading) for heading in headings)
-    yaw, rows = np.degrees(own - true), slice(None, None, 100)
+    yaw, rows = np.degrees(np.unwrap(compute_heading(track.nav_R_body)) - heading), slice(None, None, 100)
     return Run(
         minute=track.t[rows] / 60.0,
         bias=np.degrees(track.gyro_bias[rows]),
@@ -337,60 +337,33 @@ def ratio(one: float, other: float) -> float:
 
 COLOURS = (palette.BLUE, "#CC3311", palette.GREEN)  # Of x, y and z.
 BOTH, ALONE = "#CC33AA", palette.GREEN  # Trajectories by both updates and by gravity only, as in Figure 14.
-DRAWN = {FILTER: "filter", ONLINE: "online graph"}  # Estimators whose runs are drawn.
-BIAS_FIGURES = {
-    "D-E1": (8, "biases by gravity only", {"gravity": "Gravity only"}),
-    "D-E2": (
-        9,
-        "biases by gravity and the field at three places",
-        {"north-pole": "(a) North Pole", "equator": "(b) Equator", "munich": "(c) Munich"},
-    ),
-    "D-E5": (
-        13,
-        "biases of the second walk",
-        {
-            "MTw, gravity": "(a) gravity only",
-            "MTw, raw": "(b) uncalibrated magnetometer",
-            "MTw, calibrated": "(c) calibrated magnetometer",
-        },
-    ),
-}
-YAWS = {
-    "gravity": "(a) gravity only",
-    "munich": "(b) Munich, both updates",
-    "equator": "(c) Equator, both updates",
-    "cars, detector": "(d) perturbed, both updates",
-}
+DRAWN = (FILTER, ONLINE)  # Estimators whose runs are drawn.
 
 Runs = Mapping[str, Run | None]  # Of one estimator, by case; one that ended early is left blank.
 
 
-def draw_all(pictures: Pictures, seed: Seed) -> dict[str, list[Picture]]:
-    """Draw the figures of each experiment, of each estimator that is drawn."""
-    draw: dict[str, tuple[int, str, Callable[[Runs], Figure]]] = {
-        name: (number, what, partial(_draw_biases, seed, titles))
-        for name, (number, what, titles) in BIAS_FIGURES.items()
+def draw_all(seed: Seed, experiments: Sequence[Planned]) -> dict[str, dict[str, Figure]]:
+    """Draw the figure of each experiment that has one, by each estimator that is drawn."""
+    draw: dict[str, Callable[[Mapping[str, str], Runs], Figure]] = {
+        **dict.fromkeys(("D-E1", "D-E2", "D-E5"), partial(_draw_biases, seed)),
+        "D-E3": partial(_draw_perturbed, seed),
+        "D-E4": _draw_yaws,
+        "D-E6": partial(_draw_ways, seed.settings["MTw, gravity"]),
     }
-    draw |= {
-        "D-E3": (10, "field and biases past cars and lamps", partial(_draw_perturbed, seed)),
-        "D-E4": (11, "yaw error in four fields", _draw_yaws),
-        "D-E6": (14, "the way of the second walk", partial(_draw_ways, seed.settings["MTw, gravity"])),
-    }
-    with style.styled():
-        figure, [axes] = new_panels(1, 1, 3.6, 6.0)
-        for sensor, line, name in (("fog", "-", "FOG"), ("mems", "--", "MTw")):
-            for deviation, colour, axis in zip(seed.own[f"allan/{sensor}"], COLOURS, AXES, strict=True):
-                axes.loglog(seed.own["allan/tau_s"], deviation, line, color=colour, label=f"{name} {axis}")
-        axes.set(xlabel="averaging time (s)", ylabel="Allan deviation (deg/s)")
-        style.head(axes, "Figure 5: gyroscopes at rest", 6)
-        what = "Allan deviations of the gyroscopes"
-        found = {"D-E0": [pictures.keep(figure, 5, what, "the fibre-optic one and the MTw's")]}
-        for experiment, (number, what, make) in draw.items():
-            for name, words in DRAWN.items():
-                runs = {case: by[name] for case, by in seed.runs.items() if name in by}
-                kept = pictures.keep(make(runs), number, what, f"as the {words} has it", name)
-                found.setdefault(experiment, []).append(kept)
-    return found
+    labels = {planned.name: planned.labels for planned in experiments}
+    runs = {by: {case: found[by] for case, found in seed.runs.items() if by in found} for by in DRAWN}
+    found = {name: {by: make(labels[name], runs[by]) for by in DRAWN} for name, make in draw.items()}
+    return {"D-E0": {"": _draw_allan(seed)}, **found}
+
+
+def _draw_allan(seed: Seed) -> Figure:
+    figure, [axes] = new_panels(1, 1, 3.6, 6.0)
+    for sensor, line, name in (("fog", "-", "FOG"), ("mems", "--", "MTw")):
+        for deviation, colour, axis in zip(seed.own[f"allan/{sensor}"], COLOURS, AXES, strict=True):
+            axes.loglog(seed.own["allan/tau_s"], deviation, line, color=colour, label=f"{name} {axis}")
+    axes.set(xlabel="averaging time (s)", ylabel="Allan deviation (deg/s)")
+    style.head(axes, "Figure 5: gyroscopes at rest", 6)
+    return figure
 
 
 def _draw_biases(seed: Seed, titles: Mapping[str, str], runs: Runs) -> Figure:
@@ -415,7 +388,7 @@ def _draw_bias(axes: Axes, setting: Setting, run: Run | None, title: str) -> Non
     style.head(axes, title, 3)
 
 
-def _draw_perturbed(seed: Seed, runs: Runs) -> Figure:
+def _draw_perturbed(seed: Seed, titles: Mapping[str, str], runs: Runs) -> Figure:
     """Panel (b) only of who has such a run: the graph has no way without its own weighing of the field."""
     always, run, setting = "cars" in runs, runs["cars, detector"], seed.settings["cars"]
     figure, panels = new_panels(1, 3 if always else 2, 3.0, 12.6 if always else 8.4)
@@ -427,16 +400,16 @@ def _draw_perturbed(seed: Seed, runs: Runs) -> Figure:
     for minute in setting.passed_min:
         panels[0].axvline(minute, color=style.SOFT_INK, linewidth=0.5, linestyle=":")
     panels[0].set(xlabel="time (min)", ylabel="field (uT)")
-    style.head(panels[0], "(a) field measured", 2)
+    style.head(panels[0], titles["field"], 2)
     if always:
-        _draw_bias(panels[1], setting, runs["cars"], "(b) update always")
-    _draw_bias(panels[-1], setting, run, f"(c) disturbances {'left out' if always else 'weighed'}")
+        _draw_bias(panels[1], setting, runs["cars"], titles["cars"])
+    _draw_bias(panels[-1], setting, run, titles["cars, detector"])
     return figure
 
 
-def _draw_yaws(runs: Runs) -> Figure:
+def _draw_yaws(titles: Mapping[str, str], runs: Runs) -> Figure:
     figure, panels = new_panels(2, 2, 5.0)
-    for axes, (case, title) in zip(panels, YAWS.items(), strict=True):
+    for axes, (case, title) in zip(panels, titles.items(), strict=True):
         run = runs[case]
         if run is not None:
             axes.plot(run.minute, run.yaw_error, color=palette.BLUE)
@@ -445,9 +418,9 @@ def _draw_yaws(runs: Runs) -> Figure:
     return figure
 
 
-def _draw_ways(setting: Setting, runs: Runs) -> Figure:
+def _draw_ways(setting: Setting, titles: Mapping[str, str], runs: Runs) -> Figure:
     figure, panels = new_panels(1, 2, 4.0)
-    for axes, legs, title in zip(panels, (2, None), ("(a) first round trip", "(b) all"), strict=True):
+    for axes, legs, title in zip(panels, (2, None), titles.values(), strict=True):
         part = slice(None) if legs is None else setting.legs < legs
         axes.plot(*setting.path[part].T, color=palette.ORANGE, linewidth=3, label="true")
         for case, colour, name in (("MTw, calibrated", BOTH, "both updates"), ("MTw, gravity", ALONE, "gravity only")):

@@ -30,7 +30,6 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.calibration.ellipsoid import fit_ellipsoid
-from fg_nav.errors import SimulationError
 from fg_nav.frames import yaw_rotation
 from fg_nav.lab.allan import compute_allan_curve
 from fg_nav.lab.simulation import SCENARIOS, Choices, Scenario, SimulatedWalk, routes, simulate
@@ -41,7 +40,6 @@ from fg_nav.lab.simulation.sensors import ClockPrior, preset
 from fg_nav.pocket import PocketParameters, estimate_pocket, level_start
 from fg_nav.pocket.filter import compute_earth_rate
 from fg_nav.recording import Recording
-from fg_nav.truth import TrajectoryTruth
 
 BORDER_S = 0.3  # For so long after a border there is no field.
 LATITUDE_DEG = 48.0
@@ -54,16 +52,13 @@ def replace_field(
 
     The field is by places in the course's frame, as `walk.field` is; None for no magnetometer. `noise_sd_uT` is v_mu,
     white, of a sample and axis; `border_s` how long there is no field after a border between two cells of a street, 0
-    leaves the jump in. Raises `SimulationError` if the recording has no true attitude, or the walk leads through iron.
+    leaves the jump in. Raises `SimulationError` if the walk leads through iron.
     """
-    recording = walk.recording
-    truth = recording.truth
-    if not isinstance(truth, TrajectoryTruth) or truth.nav_R_body is None:
-        raise SimulationError("there is no true attitude to compute a field with: use a simulated walk as it comes.")
+    recording, truth = walk.recording, walk.truth
     if field is None:
         return replace(recording, mag=None)
     place = truth.position + walk.origin
-    mag = np.einsum("nji,nj->ni", truth.nav_R_body, field.at(place))
+    mag = np.einsum("nji,nj->ni", walk.attitude, field.at(place))
     mag += noise_sd_uT * rng.standard_normal(mag.shape)
     mag[mark_borders(recording.t, place, field, border_s)] = np.nan
     return replace(recording, mag=mag)
@@ -221,10 +216,10 @@ def read_setting(walk: SimulatedWalk) -> Setting:
 
 def measure_fog_errors(seed: int, hours: float) -> dict[str, float]:
     """Section 2.2: the fibre-optic gyroscope at rest, integrated for an hour; the Earth's rate added and taken off."""
-    recording = simulate(lie_still(hours), seed, Choices(sensor="kvh-1750", rate_hz=10.0)).recording
-    truth_R = true_attitude(recording)
+    walk = simulate(lie_still(hours), seed, Choices(sensor="kvh-1750", rate_hz=10.0))
+    truth_R = walk.attitude
     turning = np.einsum("nji,j->ni", truth_R, compute_earth_rate(LATITUDE_DEG))
-    seen = replace(recording, gyr=recording.gyr + turning)
+    seen = replace(walk.recording, gyr=walk.recording.gyr + turning)
     found = {}
     for name, latitude in (("compensated", LATITUDE_DEG), ("not compensated", None)):
         parameters = PocketParameters(gravity_update=False, latitude_deg=latitude)
@@ -237,14 +232,6 @@ def measure_fog_errors(seed: int, hours: float) -> dict[str, float]:
 def lie_still(hours: float) -> Scenario:
     """A sensor on a table."""
     return replace(SCENARIOS["at-rest"], route=lambda rng: [Stand(3600.0 * hours)])
-
-
-def true_attitude(recording: Recording) -> Floats:
-    """nav_R_body (N, 3, 3) of a simulated walk."""
-    truth = recording.truth
-    assert isinstance(truth, TrajectoryTruth)
-    assert truth.nav_R_body is not None
-    return truth.nav_R_body
 
 
 def measure_allan_curves(seed: int, hours: float) -> dict[str, Floats]:
@@ -263,7 +250,7 @@ def measure_sensor_errors(first: SimulatedWalk, second: SimulatedWalk) -> dict[s
 
     `across` (S,) uT is the rms field across the thigh at each of the sites: what shows the bias along it.
     """
-    truth_R, h = true_attitude(first.recording), first.recording.period_s
+    truth_R, h = first.attitude, first.recording.period_s
     R = Rotation.from_matrix(truth_R)
     wrong = np.degrees(first.recording.gyr[:-1] - (R[:-1].inv() * R[1:]).as_rotvec() / h)
     start, end = (np.degrees(part.mean(axis=0)) for part in (second.recording.gyr[:900], second.recording.gyr[-900:]))

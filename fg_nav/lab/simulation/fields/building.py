@@ -62,8 +62,7 @@ import numpy as np
 from pydantic import Field
 from scipy.spatial import KDTree
 
-from fg_nav.arrays import Floats, Ints
-from fg_nav.errors import SimulationError
+from fg_nav.arrays import Floats, Ints, interpolate_columns
 from fg_nav.lab.simulation.checks import Checked, NotNegative, Positive
 from fg_nav.lab.simulation.fields.field import (
     UP,
@@ -143,16 +142,10 @@ class FloorPath:
 
 
 def resample_path(points: Floats) -> FloorPath:
-    """The path through corners `points` (M, 3) m, on the floor, joined by straight lines.
-
-    Raises `SimulationError` without a point, or with one that is not finite.
-    """
-    corners = np.asarray(points, dtype=np.float64)
-    if corners.ndim != 2 or corners.shape[1] != 3 or not len(corners) or not np.isfinite(corners).all():
-        raise SimulationError(f"points of shape {corners.shape} are no path: give finite points (M, 3) in meters.")
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
+    """The path through corners `points` (M, 3) m, on the floor, joined by straight lines."""
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     asked = np.linspace(0.0, along[-1], int(along[-1] / SPACING_M) + 2)
-    return FloorPath(np.stack([np.interp(asked, along, corners[:, i]) for i in range(3)], axis=1))
+    return FloorPath(interpolate_columns(asked, along, points))
 
 
 @dataclass(frozen=True)
@@ -389,10 +382,8 @@ def draw_environment(level: str, earth: Homogeneous, points: Floats, rng: np.ran
     """Draw an environment, one of `LEVELS`, about the path of a walk.
 
     The path goes by straight lines through `points` (M, 3) m on the floor. Objects stand next to it, half a meter or
-    more from wherever the sensor may be. Raises `SimulationError` for any other level, or points that are no path.
+    more from wherever the sensor may be.
     """
-    if level not in LEVELS:
-        raise SimulationError(f"there is no field level {level!r}: choose one of {', '.join(LEVELS)}.")
     if level == "homogeneous":
         return earth
     path = resample_path(points)

@@ -27,7 +27,6 @@ The sensors by name stand in `presets.toml`, with the source of each figure.
 
 from __future__ import annotations
 
-import json
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -35,17 +34,15 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, ValidationError
-
-from fg_nav.errors import SimulationError
-from fg_nav.lab.simulation.checks import describe_wrong
+from fg_nav.lab.simulation.checks import Table, check_known
 from fg_nav.lab.simulation.sensors.clock import ClockPrior
 from fg_nav.lab.simulation.sensors.magnetometer import IronPrior, MagnetometerPrior, ma_table_1, make_iron
-from fg_nav.lab.simulation.sensors.sensor import Samples, Sensor, SensorPrior, SensorRun
+from fg_nav.lab.simulation.sensors.sensor import BiasTruth, Samples, Sensor, SensorPrior, SensorRun
 from fg_nav.lab.simulation.sensors.triad import Drift, TriadPrior
 
 __all__ = [
     "PRESETS",
+    "BiasTruth",
     "ClockPrior",
     "Drift",
     "IronPrior",
@@ -67,10 +64,8 @@ PRESETS: Mapping[str, Mapping[str, Any]] = tomllib.loads((Path(__file__).parent 
 PERFECT = SensorPrior("perfect", 1.0)
 
 
-class _Table(BaseModel):
+class _Table(Table):
     """A sensor as it stands in a file."""
-
-    model_config = ConfigDict(extra="forbid", strict=True)
 
     sensor: SensorPrior
 
@@ -81,8 +76,7 @@ def preset(name: str) -> SensorPrior:
 
     Raises `SimulationError` if there is no such sensor.
     """
-    if name not in PRESETS:
-        raise SimulationError(f"there is no sensor '{name}': take one of {', '.join(PRESETS)}.")
+    check_known("sensor", name, PRESETS)
     table = dict(PRESETS[name])
     like = table.pop("like", None)
     return read_sensor({**table, "name": name}, PERFECT if like is None else preset(like))
@@ -93,20 +87,7 @@ def read_sensor(table: Mapping[str, Any], like: SensorPrior) -> SensorPrior:
 
     Raises `SimulationError` for the first parameter that is unknown or cannot be.
     """
-    whole = _update_nested(asdict(like), table)
-    try:  # as JSON, where lists are tuples and whole numbers are numbers, but nothing else is converted
-        return _Table.model_validate_json(json.dumps({"sensor": whole}, default=str)).sensor
-    except ValidationError as error:
-        unknown = [one["loc"] for one in error.errors() if one["type"] == "unexpected_keyword_argument"]
-        if error.errors()[0]["loc"] not in unknown:
-            raise SimulationError(describe_wrong(error)) from None
-        # the table has all that it may, and what is unknown
-        *path, key = map(str, unknown[0])
-        known: Mapping[str, Any] = {"sensor": whole}
-        for part in path:
-            known = known[part]
-        names = [name for name in known if (*path, name) not in unknown]
-        raise SimulationError(f"{'.'.join(path)} has no parameter '{key}': it knows {', '.join(names)}.") from None
+    return _Table.read({"sensor": _update_nested(asdict(like), table)}).sensor
 
 
 def _update_nested(base: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:

@@ -38,20 +38,9 @@ from typing import Annotated, TypeAlias
 import numpy as np
 from pydantic import Field
 
-from fg_nav.arrays import Bools, Floats
-from fg_nav.errors import SimulationError
+from fg_nav.arrays import Floats
 from fg_nav.lab.simulation.checks import Checked, Share
 from fg_nav.lab.simulation.sensors.triad import Limit, digitize, draw_distortion
-
-
-def check_rows(name: str, value: Floats, t: Floats) -> None:
-    """Raise `SimulationError` unless there is a finite vector (N, 3) for each of the instants `t` (N,) s."""
-    if value.shape != (len(t), 3):
-        raise SimulationError(f"{name} to measure has shape {value.shape}, not ({len(t)}, 3): give each instant a row.")
-    finite = np.isfinite(value).all(axis=1)
-    if not finite.all():
-        when = t[np.argmin(finite)]
-        raise SimulationError(f"{name} to measure is not finite at {when:.3f} s: look at what moves there.")
 
 
 def average_units(values: list[Floats]) -> Floats:
@@ -181,13 +170,10 @@ class Compass:
         self._phase, self._tick = float(ticks_rng.uniform()), -np.inf
         self._last = np.full((1, 3), np.nan)
 
-    def measure(self, t: Floats, body_field: BodyField | None) -> tuple[Floats | None, Bools | None]:
-        """Readings (N, 3) uT of the next N rows and which (N,) are fresh.
-
-        Raises `SimulationError` if the field is not a finite vector for every instant it is asked for.
-        """
+    def measure(self, t: Floats, body_field: BodyField | None) -> Floats | None:
+        """Readings (N, 3) uT of the next N rows."""
         if self._prior is None or body_field is None:
-            return None, None
+            return None
         fresh = np.ones(len(t), dtype=np.bool_)
         if np.isfinite(self._prior.rate_hz) and len(t):
             tick = np.floor(t * self._prior.rate_hz + self._phase)
@@ -197,16 +183,14 @@ class Compass:
         if self._prior.held:
             known = np.vstack([self._last, reading])
             self._last = known[-1:]
-            return np.asarray(known[np.cumsum(fresh)]), fresh
+            return np.asarray(known[np.cumsum(fresh)])
         mag = np.full((len(t), 3), np.nan)
         mag[fresh] = reading
-        return mag, fresh
+        return mag
 
     def _read(self, body_field: BodyField, instants: Floats) -> Floats:
         """Readings (M, 3) uT of the samples taken at these instants (M,) s; a block may have none."""
         if not len(instants):
             return np.zeros((0, 3))
-        field = body_field(instants)
-        check_rows("field", field, instants)
-        bent = field @ self._iron.soft.T + self._iron.hard_uT
+        bent = body_field(instants) @ self._iron.soft.T + self._iron.hard_uT
         return average_units([chip.read(bent, rng) for chip, rng in zip(self._chips, self._rngs, strict=True)])

@@ -11,13 +11,12 @@ No result depends on how the walk is cut into blocks: every kind of noise has a 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
 
-from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.errors import SimulationError
+from fg_nav.arrays import Floats, Ints
 from fg_nav.lab.simulation.checks import Checked, Positive
 from fg_nav.lab.simulation.sensors.clock import ClockPrior, ClockRun
 from fg_nav.lab.simulation.sensors.magnetometer import (
@@ -28,7 +27,6 @@ from fg_nav.lab.simulation.sensors.magnetometer import (
     Magnetometer,
     MagnetometerPrior,
     average_units,
-    check_rows,
 )
 from fg_nav.lab.simulation.sensors.triad import Triad, TriadPrior, TriadRun
 from fg_nav.text import to_json
@@ -72,12 +70,6 @@ class SensorPrior(Checked):
             units.append(Unit(self.gyr.draw(rng), self.acc.draw(rng), mag))
         return Sensor(self, tuple(units), iron, clock_scale_error)
 
-    def as_dict(self) -> dict[str, Any]:
-        """Parameters for JSON, in SI units and uT; None stands for infinite."""
-        values = to_json(self)
-        assert isinstance(values, dict)
-        return values
-
 
 @dataclass(frozen=True)
 class Unit:
@@ -109,30 +101,23 @@ class Sensor:
     clock_scale_error: float
 
     @property
-    def gyr_matrix(self) -> Floats:
-        """What the readings make of a rate (3, 3): the mean of the units."""
-        return average_units([unit.gyr.matrix for unit in self.units])
+    def effective(self) -> dict[str, Floats]:
+        """What the averaged readings make of a rate, a specific force and a field.
 
-    @property
-    def acc_matrix(self) -> Floats:
-        """What the readings make of a specific force (3, 3)."""
-        return average_units([unit.acc.matrix for unit in self.units])
-
-    @property
-    def g_sensitivity(self) -> Floats:
-        """What the rate readings make of a specific force (3, 3), rad/s per m/s^2."""
-        return average_units([unit.gyr.g_sensitivity for unit in self.units])
-
-    @property
-    def soft_iron(self) -> Floats:
-        """What the field readings make of a field (3, 3): iron and the chips' own errors together."""
-        return self._mag_matrix() @ self.iron.soft
-
-    @property
-    def hard_iron_uT(self) -> Floats:
-        """What the field readings show without a field (3,) uT: iron and the chips' own offsets together."""
-        offsets = [unit.mag.offset_uT for unit in self.units if unit.mag is not None]
-        return self._mag_matrix() @ self.iron.hard_uT + (average_units(offsets) if offsets else 0.0)
+        `gyr_matrix`, `acc_matrix` and `soft_iron` (3, 3), `g_sensitivity` (3, 3) of the rate, rad/s per m/s^2, and
+        `hard_iron_uT` (3,), what they show without a field; iron and the chips' own errors together.
+        """
+        gyr, acc = [unit.gyr for unit in self.units], [unit.acc for unit in self.units]
+        mag = [unit.mag for unit in self.units if unit.mag is not None]
+        chips = average_units([chip.matrix for chip in mag]) if mag else np.eye(3)
+        offset = average_units([chip.offset_uT for chip in mag]) if mag else 0.0
+        return {
+            "gyr_matrix": average_units([triad.matrix for triad in gyr]),
+            "acc_matrix": average_units([triad.matrix for triad in acc]),
+            "g_sensitivity": average_units([triad.g_sensitivity for triad in gyr]),
+            "soft_iron": chips @ self.iron.soft,
+            "hard_iron_uT": chips @ self.iron.hard_uT + offset,
+        }
 
     def switch_on(self, rng: np.random.Generator) -> SensorRun:
         """Switch on for one walk; spawns all its streams from `rng`, a new set with every call."""
@@ -140,44 +125,35 @@ class Sensor:
 
     def as_dict(self) -> dict[str, Any]:
         """All that was drawn, for JSON: effective values of the average first, then unit by unit."""
-        effective = ("gyr_matrix", "acc_matrix", "g_sensitivity", "soft_iron", "hard_iron_uT")
         return {
-            "prior": self.prior.as_dict(),
-            **{name: to_json(getattr(self, name)) for name in effective},
+            "prior": to_json(self.prior),
+            **to_json(self.effective),
             "clock_scale_error": self.clock_scale_error,
             "iron": to_json(self.iron),
             "units": [unit.as_dict() for unit in self.units],
         }
 
-    def _mag_matrix(self) -> Floats:
-        matrices = [unit.mag.matrix for unit in self.units if unit.mag is not None]
-        return average_units(matrices) if matrices else np.eye(3)
-
 
 @dataclass(frozen=True)
 class Samples:
-    """The rows of one block that arrived, M of N.
-
-    Attributes
-    ----------
-    mag : (M, 3) uT, NaN (or the last one, if held) where there is no new sample; None without a magnetometer.
-    """
+    """The rows of one block that arrived, M of N."""
 
     t: Floats  # (M,) s, stamps: strictly increasing, on from the block before.
     taken: Floats  # (M,) s, what the logger's clock showed when they were taken: stamps without delay, for the truth.
     acc: Floats  # (M, 3) m/s^2, rad/s.
     gyr: Floats
-    mag: Floats | None
-    fresh: Bools | None  # (M,) whether there is a new sample of the field; None without a magnetometer.
+    mag: Floats | None  # (M, 3) uT, NaN (or the last one, if held) without a new sample; None without a magnetometer.
     row: Ints  # (M,) which instants of the block they are, for the truth.
 
     def __len__(self) -> int:
         return len(self.t)
 
 
-class Biases(NamedTuple):
-    """True biases of the averaged readings at N instants: `gyr` (N, 3) rad/s, `acc` (N, 3) m/s^2."""
+@dataclass(frozen=True)
+class BiasTruth:
+    """True biases of the averaged readings: `t` (N,) s, `gyr` (N, 3) rad/s, `acc` (N, 3) m/s^2."""
 
+    t: Floats
     gyr: Floats
     acc: Floats
 
@@ -194,32 +170,23 @@ class SensorRun:
         self._acc = [TriadRun(unit.acc, acc_rng, rate_hz) for unit, _, acc_rng in pairs]
         self._clock = ClockRun(sensor.prior.clock, sensor.clock_scale_error, clock_rng, rate_hz)
         self._compass = Compass(sensor.prior.mag, [unit.mag for unit in sensor.units], sensor.iron, field_rng)
-        self._end = -np.inf
 
     def measure(self, t: Floats, rate: Floats, force: Floats, body_field: BodyField | None = None) -> Samples:
         """Take the next N samples.
 
         `rate` and `force` (N, 3) in the body frame are the means over [t, t + period], `t` (N,) s from 0 on. The field
         is asked for once, if the block has samples of the magnetometer: (M, 3) uT in the body frame, without iron, at M
-        rising instants, a lag before their rows and so maybe a little before t[0] or 0. Raises `SimulationError` if
-        shapes disagree, something is not finite, or the block does not follow on the one before.
+        rising instants, a lag before their rows and so maybe a little before t[0] or 0.
         """
-        check_rows("rate", rate, t)
-        check_rows("force", force, t)
-        if not (np.diff(t, prepend=self._end) > 0).all():
-            raise SimulationError("the instants to measure at do not rise: give blocks one after the other, each once.")
-        self._end = float(t[-1]) if len(t) else self._end
         gyr = average_units([unit.measure(t, rate, force) for unit in self._gyr])
         acc = average_units([unit.measure(t, force) for unit in self._acc])
-        mag, fresh = self._compass.measure(t, body_field)
+        mag = self._compass.measure(t, body_field)
         stamps, taken, row = self._clock.stamp(t)
-        if mag is None or fresh is None:
-            return Samples(stamps, taken, acc[row], gyr[row], None, None, row)
-        return Samples(stamps, taken, acc[row], gyr[row], mag[row], fresh[row], row)
+        return Samples(stamps, taken, acc[row], gyr[row], None if mag is None else mag[row], row)
 
-    def biases_at(self, t: Floats) -> Biases:
+    def biases_at(self, t: Floats) -> BiasTruth:
         """True biases at any instants `t` (N,) s of the walk, turn-on and drift together."""
-        return Biases(*(average_units([unit.bias_at(t) for unit in units]) for units in (self._gyr, self._acc)))
+        return BiasTruth(t, *(average_units([unit.bias_at(t) for unit in units]) for units in (self._gyr, self._acc)))
 
     def as_dict(self) -> dict[str, Any]:
         """What was new on this walk, for JSON: turn-on biases of the average, and unit by unit."""

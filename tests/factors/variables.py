@@ -1,9 +1,23 @@
-"""Jacobians of a factor of gtsam on the manifold of its variables: its own, and by finite differences."""
+"""Variables to try factors with, and Jacobians on their manifold: a factor's own, and by finite differences."""
 
 import gtsam
 import numpy as np
+from hypothesis import strategies as st
 
 STEP = 1e-5
+
+vectors = st.lists(st.floats(-2, 2), min_size=3, max_size=3).map(np.array)
+
+
+def pose(nav_R_body, position=(0.0, 0.0, 0.0)):
+    return gtsam.Pose3(gtsam.Rot3(nav_R_body), np.array(position))
+
+
+def values_of(variables):
+    values = gtsam.Values()
+    for key, variable in variables.items():
+        values.insert(key, variable)
+    return values
 
 
 def residual(factor, values):
@@ -12,21 +26,18 @@ def residual(factor, values):
 
 
 def moved(values, key, step):
-    """Values with one variable a tangent-space step away."""
     steps = gtsam.VectorValues()
     steps.insert(key, np.asarray(step, dtype=float))
     return values.retract(steps)
 
 
 def jacobians(factor, values):
-    """Whitened Jacobian of each key, as the factor states it."""
     A, _ = factor.linearize(values).jacobian()
     widths = [values.dims()[key] for key in list(factor.keys())]
     return dict(zip(factor.keys(), np.split(A, np.cumsum(widths)[:-1], axis=1), strict=True))
 
 
 def differences(factor, values):
-    """Whitened Jacobian of each key, by central differences of the residual."""
     return {
         key: np.transpose(
             [
@@ -40,7 +51,6 @@ def differences(factor, values):
 
 
 def assert_jacobians_are_derivatives(factor, values, atol=1e-7):
-    """Compare the two."""
     stated, numeric = jacobians(factor, values), differences(factor, values)
     for key, H in stated.items():
         np.testing.assert_allclose(H, numeric[key], atol=atol, err_msg=gtsam.DefaultKeyFormatter(key))
