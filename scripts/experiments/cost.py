@@ -44,7 +44,7 @@ from fg_nav.smoother.strides import POSITION_DENSITY
 from fg_nav.truth import TrajectoryTruth
 from fg_nav.walk import Options, Walk
 
-SEED = 1
+SEED, REPEATS = 1, 3
 
 # --- a sample --------------------------------------------------------------------------------------------------------
 
@@ -59,24 +59,23 @@ ASKED: Mapping[tuple[str, str], float] = {
     ("online", "bare loop"): 60.0,
 }
 """Call over another call: at most."""
-FILTER_US = 4.0  # of a filter, us a sample
 
 
 def list_samples(chosen: Namespace) -> list[Task]:
     """Walks of different length."""
     return [
-        Task(f"{minutes:g} min", f"{SEED}", partial(measure_samples, minutes, chosen.ratio, chosen.repeats))
+        Task(f"{minutes:g} min", f"{SEED}", partial(measure_samples, minutes, chosen.ratio))
         for minutes in sorted(chosen.minutes or ((10.0, 20.0, 60.0) if chosen.ratio else (10.0, 20.0)))
     ]
 
 
-def measure_samples(minutes: float, ratio: bool, repeats: int) -> Found:
-    """Call all on one walk in turn, as often as asked, after a short one that compiles; least time of each, us."""
+def measure_samples(minutes: float, ratio: bool) -> Found:
+    """Call all on one walk in turn, again and again, after a short one that compiles; least time of each, us."""
     recording = simulate_long_walk(minutes, SEED, RATE_HZ, None if ratio else "indoor")
     for call in list_calls(recording.slice(0, round(30 * RATE_HZ)), ratio).values():
         call()
     calls = list_calls(recording, ratio)
-    least = np.min([[measure_cpu(call) for call in calls.values()] for _ in range(repeats)], axis=0)
+    least = np.min([[measure_cpu(call) for call in calls.values()] for _ in range(REPEATS)], axis=0)
     return {name: {"us": float(us)} for name, us in zip(calls, 1e6 * least / len(recording), strict=True)}
 
 
@@ -122,7 +121,7 @@ def follow_walk(recording: Recording) -> None:
 
 # --- a command -------------------------------------------------------------------------------------------------------
 
-LINES, REPEATS = 100_000, 3  # written at once; of the start
+LINES = 100_000  # written at once
 HOUR = 'like = "mall"\ncourse = {points_m = [[0, 0], [0, 60], [110, 60], [110, 0], [0, 0]], laps = 15}\n'  # 5 km
 CPU, WALL, MEMORY = "processor (s)", "wall (s)", "memory (MB)"
 
@@ -200,13 +199,13 @@ LEFT_OUT: Mapping[str, str] = {
 
 def list_peers(chosen: Namespace) -> list[Task]:
     """Motion-captured trials, loops, and simulated walks of a minute, whose attitude is known."""
-    data, measure = walks.data_folder(chosen.data), partial(measure_programs, chosen.python, chosen.repeats)
+    data, measure = walks.data_folder(chosen.data), partial(measure_programs, chosen.python)
     real = [(name, one) for name in ("vicon", "openshoe") for one in walks.list_set(data, name)]
     tasks = [Task(name, one.name, partial(measure, one)) for name, one in real]
     return tasks + [Task("simulated", f"{seed}", partial(measure, seed)) for seed in seeds_of(chosen)]
 
 
-def measure_programs(python: str | None, repeats: int, source: Real | int) -> Found:
+def measure_programs(python: str | None, source: Real | int) -> Found:
     """Run all programs on a walk, a recording or that of a seed; times over that of the bare loop."""
     if isinstance(source, Real):
         walk = source.prepare(labelled=source.path.suffix == ".mat")
@@ -214,7 +213,7 @@ def measure_programs(python: str | None, repeats: int, source: Real | int) -> Fo
     else:
         recording = simulate("demo", source).recording
         walk = prepare_walk(Walk.of(recording))
-    bare_s = min(measure_cpu(partial(run_bare_loop, recording)) for _ in range(repeats))
+    bare_s = min(measure_cpu(partial(run_bare_loop, recording)) for _ in range(REPEATS))
 
     def measure(run: Callable[[], tuple[float, Rotation, Any]]) -> Figures:
         seconds, nav_R_body, position = run()
@@ -223,23 +222,19 @@ def measure_programs(python: str | None, repeats: int, source: Real | int) -> Fo
 
     others = PEERS[:2] if isinstance(source, Real) else PEERS
     return {
-        **{f"fg-nav {name}": partial(measure, partial(run_ours, name, walk, repeats)) for name in ("smoother", "iez")},
-        **{
-            name: partial(measure, partial(run_peer, python, name, recording, walk.stances, repeats)) for name in others
-        },
+        **{f"fg-nav {name}": partial(measure, partial(run_ours, name, walk)) for name in ("smoother", "iez")},
+        **{name: partial(measure, partial(run_peer, python, name, recording, walk.stances)) for name in others},
     }
 
 
-def run_ours(method: str, walk: Walk, repeats: int) -> tuple[float, Rotation, Any]:
+def run_ours(method: str, walk: Walk) -> tuple[float, Rotation, Any]:
     """Processor time of a method of ours, the least behind a first call, attitudes and positions."""
     solution = run_method(walk, method).solution
-    seconds = min(measure_cpu(partial(run_method, walk, method)) for _ in range(repeats))
+    seconds = min(measure_cpu(partial(run_method, walk, method)) for _ in range(REPEATS))
     return seconds, Rotation.from_matrix(solution.nav_R_body), solution.position
 
 
-def run_peer(
-    python: str | None, name: str, recording: Recording, stances: Stances, repeats: int
-) -> tuple[float, Rotation, Any]:
+def run_peer(python: str | None, name: str, recording: Recording, stances: Stances) -> tuple[float, Rotation, Any]:
     """Run another program in its interpreter; raises `SimulationError` where that is not to be had."""
     if python is None:
         raise SimulationError(f"{name} needs an interpreter that has it: name that with --python.")
@@ -248,7 +243,7 @@ def run_peer(
     mag = mag[np.maximum.accumulate(np.where(seen, np.arange(len(mag)), np.argmax(seen)))]
     samples: dict[str, Any] = {"t": recording.t, "acc": recording.acc, "gyr": recording.gyr, "mag": mag}
     with tempfile.TemporaryDirectory() as folder:
-        np.savez(f"{folder}/input.npz", still=stances.mask, repeats=repeats, **samples)
+        np.savez(f"{folder}/input.npz", still=stances.mask, repeats=REPEATS, **samples)
         ran = subprocess.run([python, str(RUNNER), name, folder], capture_output=True, text=True, check=False)
         if ran.returncode:
             raise SimulationError(f"{name} did not run: {(ran.stderr.strip().splitlines() or ['no word'])[-1][:200]}")
@@ -316,12 +311,10 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         ),
         [
             *(Asked("us", "mean", high=high, variant=name, over=by) for (name, by), high in ASKED.items()),
-            *(Asked("us", "mean", high=FILTER_US, variant=name) for name in FILTERS),
         ],
         options={
             "ratio": option(False, "smooth over the bare loop alone"),
             "minutes": option(None, "of the walks", type=float, nargs="+", metavar="M"),
-            "repeats": option(3, "how often all is run", metavar="N"),
         },
     ),
     "commands": Experiment(
@@ -356,10 +349,7 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         list_peers,
         COLUMNS,
         seeds=6,
-        options={
-            "python": option(None, "the interpreter that has the others", metavar="PYTHON"),
-            "repeats": option(3, "how often all is run", metavar="N"),
-        },
+        options={"python": option(None, "the interpreter that has the others", metavar="PYTHON")},
         blocks={"peers": write_peers},
     ),
 }  # fmt: skip

@@ -425,9 +425,8 @@ def judge_answer(fate: Fate, code: int, out: str, err: str, folder: Path) -> Ite
             missing = [key for key in ("verdict", "distance_m", "duration_s") if summary.get(key) is None]
             yield from (f"not finite: summary.json, {key}" for key in missing)
             path = np.loadtxt(folder / "out" / "trajectory.tum", ndmin=2)
-            names_it = any(
-                words in reason for words in ("the foot reaches", "a stride of") for reason in summary["reasons"]
-            )
+            reasons = " ".join(summary["reasons"])
+            names_it = "the foot reaches" in reasons or "a stride of" in reasons
             is_marked = fate.said == UNUSABLE or (fate.said == "doubtful" and names_it)
             yield from judge_path(path, pd.read_csv(folder / "out" / "strides.csv"), is_marked)
 
