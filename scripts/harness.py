@@ -185,7 +185,9 @@ class Figure:
 
 
 def report_figures(figures: Sequence[Figure]) -> None:
-    """Print a row each figure, and how many are as asked."""
+    """Print a row each figure, and how many are as asked; nothing where there is none."""
+    if not figures:
+        return
     rows = [(f.section, f.name, f.method, f.asked or "-", f.pattern.format(f.measured), f.mark) for f in figures]
     print_table(("", "figure", "method", "asked", "measured", ""), rows)
     marks = [figure.mark for figure in figures if figure.mark]

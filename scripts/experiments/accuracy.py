@@ -380,17 +380,6 @@ FLOORS: Mapping[str, str] = {"laps": "mems", "openshoe": "openshoe", "gdin": "gd
 FLOOR_METHODS = ("inertial", "smoother", "smoother raw", "card", "smoother:directions", "iez", "qsf", "ma2018", "aiez")
 
 
-def list_floors(chosen: Namespace) -> list[Task]:
-    """All sets."""
-    data = walks.data_folder(chosen.data)
-    return [
-        Task(section, one.name, partial(measure_methods, one, tuple(chosen.methods)))
-        for section, name in FLOORS.items()
-        for one in walks.list_set(data, name)
-        if section != "laps" or one.name.startswith("lap")
-    ]
-
-
 def measure_methods(real: Real, methods: Sequence[str]) -> Found:
     """Run all methods on a walk; `smoother raw` is given no calibration, all others that by the walk itself."""
     prepared = {iron: Recorded(real.path).prepare(iron) for iron in (RAW, WALK)}
@@ -463,7 +452,12 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         Laps of 355 m and openshoe: closure over the ground, % of the way; gdin: rmse at the footprints, m. All methods
         have the magnetometer that the walk itself calibrates, but for `raw`, which finds the iron on its way. `sigmas`:
         error over claimed sigma of the last footfall, rms over walks and both axes.""",
-        list_floors,
+        lambda chosen: [
+            Task(section, one.name, partial(measure_methods, one, tuple(chosen.methods)))
+            for section, name in FLOORS.items()
+            for one in walks.list_set(walks.data_folder(chosen.data), name)
+            if section != "laps" or one.name.startswith("lap")
+        ],
         (
             Column("error", "mean / median / worst", "mean / median / worst"),
             Column("ground_ratio", "sigmas", "rms", "{:.2f}"),

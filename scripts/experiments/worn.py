@@ -7,7 +7,6 @@ was tuned was tuned on seeds 1 to 8.
 from __future__ import annotations
 
 import math
-from argparse import Namespace
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
@@ -123,13 +122,6 @@ def find_bias(name: str, seed: int) -> Found:
 MAX_ACCURACY_M = 15.0  # of a fix
 
 
-def list_pockets(chosen: Namespace) -> list[Task]:
-    """Phones in trouser pockets outdoors."""
-    data = walks.data_folder(chosen.data)
-    phones = sorted((data / "pocket_gnss").glob("*.zip"))
-    return [Task("pockets", path.stem.removeprefix("pocket_"), partial(measure_pocket, path)) for path in phones]
-
-
 def measure_pocket(path: Path) -> Found:
     """Distance of a phone's path from fixes that it was not given, m."""
     recording, everything = read(path), read_gnss(path)
@@ -206,7 +198,10 @@ EXPERIMENTS: Mapping[str, Experiment] = {
 
         Mean distances, m, of the path laid on the fixes of the first 10 % of the time from those of the last 90 %
         (rigid), and from every second fix, the others given (held).""",
-        list_pockets,
+        lambda chosen: [
+            Task("pockets", path.stem.removeprefix("pocket_"), partial(measure_pocket, path))
+            for path in sorted(walks.data_folder(chosen.data).glob("pocket_gnss/*.zip"))
+        ],
         [Column(name, name, "median / worst", "{:.2f}") for name in ("rigid (m)", "held (m)")],
     ),
 }

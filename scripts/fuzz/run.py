@@ -60,7 +60,7 @@ from harness import option
 from fg_nav import cli
 from fg_nav.arrays import Floats
 from fg_nav.columns.mapping import CANONICAL
-from fg_nav.io import read, write_tum
+from fg_nav.io import FORMATS, read, write_tum
 from fg_nav.lab.simulation import SCENARIOS, Choices, simulate
 from fg_nav.lab.store.files import make_folder
 from fg_nav.online import follow
@@ -169,7 +169,6 @@ class Store:
 METHODS = (
     *("smoother",) * 6, "inertial", "iez", "iez", "iez-rts", "online", "qsf", "iqsf-rts", "ma2018", "aiez", "matched",
 )  # fmt: skip
-FORMAT_NAMES = ("canonical", "table", "xio", "pyshoe", "openshoe", "sensorlog", "xsens-dot", "ros")
 
 
 def cut_piece(store: Store, rng: Rng) -> tuple[Floats, str]:
@@ -231,7 +230,7 @@ def make_format(store: Store, rng: Rng, folder: Path) -> Input:
     kind = draw(rng, sorted(SAMPLES))
     path = SAMPLES[kind].write(raw, folder)
     what = damage(draw(rng, files_of(path)), rng)
-    more = ["--format", draw(rng, FORMAT_NAMES)] if rng.random() < 0.1 else []
+    more = ["--format", draw(rng, list(FORMATS))] if rng.random() < 0.1 else []
     return ["run", path.name, *more, *choose_method(rng, name)], f"{kind} of {name}: {what}", None
 
 
