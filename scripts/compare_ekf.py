@@ -38,7 +38,7 @@ from harness import FIRST_SEED, option
 from fg_nav.lab.campaign.execute import find_simulated, make, recorded_keys, run_here, settings_of, simulated_keys
 from fg_nav.lab.campaign.methods import method_of
 from fg_nav.lab.campaign.walks import LOOP, MAGNETOMETERS, MIXTURES, Recorded, Source
-from fg_nav.lab.reproduce.runner import at_landmarks, mean, used_percent, walk_error
+from fg_nav.lab.reproduce.runner import at_landmarks, mean, walk_error
 from fg_nav.lab.simulation import scenario
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.lab.store.code import code_sum
@@ -76,7 +76,7 @@ LANDMARKS, MERIT = "landmarks (m)", "merit"
 ERRORS = {"end (m)": "end_m", "TTD (%)": "end_percent", "heading (deg)": "heading_deg", "rmse (m)": "rmse_m",
           "most (m)": "max_m"}  # fmt: skip
 COLUMNS = (
-    *(Column(head, head, pattern="") for head in (*ERRORS, LANDMARKS, "sigmas", "field used (%)")),
+    *(Column(head, head, pattern="") for head in (*ERRORS, LANDMARKS, "sigmas")),
     *(Column(MERIT, f"over {method}", pattern="", over=method) for method in ("iez", "ma2018", "inertial")),
 )
 
@@ -154,7 +154,7 @@ def figures_of(result: Result) -> dict[str, float | str]:
     # as started; of a real walk by the best yaw, or of its closure
     mode = next((mode for mode in (AS_STARTED, BEST_YAW, CLOSURE) if mode in result.errors), "")
     found = {head: walk_error(result, name, mode) if mode else None for head, name in ERRORS.items()}
-    found |= {LANDMARKS: at_landmarks(result, mean), "field used (%)": used_percent(result)}
+    found[LANDMARKS] = at_landmarks(result, mean)
     found |= {} if z is None else {"sigmas": float(np.sqrt(np.mean(np.square(np.asarray(z, dtype=np.float64)))))}
     merit = (found[LANDMARKS], found["rmse (m)"], found["end (m)"])
     found[MERIT] = next((value for value in merit if value is not None), None)
@@ -202,11 +202,8 @@ def fit_columns(names: Sequence[str], columns: Mapping[str, Sequence[str]], widt
 
 def print_remarks(results: Sequence[Result]) -> None:
     """Print failures by their reason, and how many results are of other code."""
-    failed = [result for result in results if result.failed]
-    for one in failed[:10]:
+    for one in (result for result in results if result.failed):
         console().print(f"failed: {one.key.group}, {one.key.walk}, {one.key.method}: {one.failed}", soft_wrap=True)
-    if len(failed) > 10:
-        console().print(f"and {len(failed) - 10} more failed")
     old = [result for result in results if result.code != code_sum()]
     if old:
         methods = ", ".join(dict.fromkeys(result.key.method for result in old))

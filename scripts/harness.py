@@ -25,7 +25,7 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from fg_nav.errors import FgNavError, SimulationError
+from fg_nav.errors import FgNavError
 from fg_nav.lab.processes import run_tasks
 from fg_nav.report.terminal import console, progress
 
@@ -73,8 +73,6 @@ def parse_arguments(
     arguments : words of the command line; those of the process if None.
     what : words of which the first argument is one, where there are some.
     options : name -> default of one of `COMMON`, or -> an `Option`.
-
-    Raises `SimulationError` where fewer than no walk is asked for.
     """
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     if what:
@@ -82,16 +80,12 @@ def parse_arguments(
     for name, given in options.items():
         one = given if isinstance(given, dict) else COMMON[name](given)
         parser.add_argument(f"--{name.replace('_', '-')}", **one)
-    chosen = parser.parse_args(arguments)
-    if getattr(chosen, "seeds", 0) < 0:
-        raise SimulationError("that few walks show nothing: ask for one or more.")
-    return chosen
+    return parser.parse_args(arguments)
 
 
 def seeds_of(chosen: argparse.Namespace) -> range:
     """Return the seeds asked for: `--seeds` of them from `--first` on."""
-    first = getattr(chosen, "first", FIRST_SEED)
-    return range(first, first + chosen.seeds)
+    return range(chosen.first, chosen.first + chosen.seeds)
 
 
 # --- work ------------------------------------------------------------------------------------------------------------
@@ -191,7 +185,9 @@ class Figure:
 
 
 def report_figures(figures: Sequence[Figure]) -> None:
-    """Print a row each figure, and how many are as asked."""
+    """Print a row each figure, and how many are as asked; nothing where there is none."""
+    if not figures:
+        return
     rows = [(f.section, f.name, f.method, f.asked or "-", f.pattern.format(f.measured), f.mark) for f in figures]
     print_table(("", "figure", "method", "asked", "measured", ""), rows)
     marks = [figure.mark for figure in figures if figure.mark]

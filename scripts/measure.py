@@ -55,8 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print_sums(experiment, table)
     if chosen.per_walk:
         print_walks(table)
-    figures = [figure for asked in experiment.asked for figure in asked.judge(table)] + experiment.judge(table)
-    harness.report_figures(figures)
+    harness.report_figures([figure for asked in experiment.asked for figure in asked.judge(table)])
     if chosen.save:
         seeds = f"{chosen.first} to {chosen.first + chosen.seeds - 1}" if experiment.seeds else ""
         path = save(chosen.store, name, experiment, table, seeds)

@@ -56,20 +56,16 @@ SPEED = "true speed at the stillest instant (mm/s)"
 
 
 def compare_feet(data: Path, seeds: Sequence[int]) -> tuple[list[Facts], list[Facts]]:
-    """Facts of real and simulated feet."""
+    """Facts of real feet, and of those simulated on walks of their kind, with the sensor of their recordings."""
     real = [measure_foot(read(one.path)) for one in walks.list_set(data, walks.GDIN)]
     trials = [one for one in walks.list_set(data, "vicon") if one.name.startswith(VICON_DAY)]
     captured = [measure_foot(read(one.path)) for one in trials]
     real += [{SPEED: facts[SPEED]} for facts in captured if SPEED in facts]
-    return real, [measure_foot(simulate_walk(seed)) for seed in seeds]
-
-
-def simulate_walk(seed: int) -> Recording:
-    """Simulate a walk of the kind of the real ones, on the sensor with which they were recorded."""
     course: list[Section] = [Stand(1.5), Walk(polyline(np.array(COURSE_M), 0.8)), Stand(1.5)]
     sensor = preset("lord-gx5")
     sensor = replace(sensor, gyr=replace(sensor.gyr, limit=np.inf))  # at the default pace it saturates
-    return simulate(Scenario("realism", "", lambda _: course, "instep", sensor, field="indoor"), seed).recording
+    walked = Scenario("realism", "", lambda _: course, "instep", sensor, field="indoor")
+    return real, [measure_foot(simulate(walked, seed).recording) for seed in seeds]
 
 
 def measure_foot(recording: Recording) -> Facts:
@@ -78,11 +74,11 @@ def measure_foot(recording: Recording) -> Facts:
     stances = detect_stances(recording)
     solution, still, h = smooth(recording, stances), stances.stillest(recording.gyr), recording.period_s
     position, nav_R_body = solution.position, solution.nav_R_body
-    long = [
-        STRIDE_S[0] < h * (j - i) < STRIDE_S[1] and np.linalg.norm(position[j] - position[i]) > MIN_M
+    strides = [
+        (i, j)
         for i, j in pairwise(still)
+        if STRIDE_S[0] < h * (j - i) < STRIDE_S[1] and np.linalg.norm(position[j] - position[i]) > MIN_M
     ]
-    strides = [stride for stride, kept in zip(pairwise(still), long, strict=True) if kept]
     if len(strides) < FEWEST:
         return {}
     # Axes of the foot: up as the force in stance, left as the principal axis of the rate, forward ahead.
@@ -128,22 +124,22 @@ def measure_foot(recording: Recording) -> Facts:
     return {name: float(value) for name, value in facts.items()}
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Measure and print."""
-    chosen = harness.parse_arguments(__doc__, arguments, data=None, seeds=5, first=FIRST_SEED)
-    real, ours = compare_feet(walks.data_folder(chosen.data), harness.seeds_of(chosen))
-    harness.print_table(("fact", "real", "simulated", "", ""), judge_facts(real, ours))
-
-
 def judge_facts(real: Sequence[Facts], ours: Sequence[Facts]) -> list[list[str]]:
     """Return a row a fact: real and simulated, whether the median lies inside, and why not."""
     rows = []
     for name in ours[0]:
         values = [[f for facts in some if np.isfinite(f := facts.get(name, np.nan))] for some in (real, ours)]
         mark = "inside" if min(values[0]) <= np.median(values[1]) <= max(values[0]) else "outside"
-        rows.append([name, *(harness.spread(some, ends=(0.0, 100.0)) for some in values), mark])
-        rows[-1].append(OUTSIDE.get(name, "") if mark == "outside" else "")
+        why = OUTSIDE.get(name, "") if mark == "outside" else ""
+        rows.append([name, *(harness.spread(some, ends=(0.0, 100.0)) for some in values), mark, why])
     return rows
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Measure and print."""
+    chosen = harness.parse_arguments(__doc__, arguments, data=None, seeds=5, first=FIRST_SEED)
+    facts = compare_feet(walks.data_folder(chosen.data), harness.seeds_of(chosen))
+    harness.print_table(("fact", "real", "simulated", "", ""), judge_facts(*facts))
 
 
 if __name__ == "__main__":

@@ -3,8 +3,7 @@
     python scripts/stress.py hours|kills|rubbish|udp|listeners
 
 hours      A simulated walk with a magnetometer, repeated as long as it takes, goes to standard input as fast as it is
-           read: an hour a row, with its time, its memory, and the longest time that the command did not read. The last
-           minutes (`--real-time`) go as they are walked; how far it is behind is how long the pipe was never empty.
+           read: an hour a row, with its time, its memory, and the longest time that the command did not read.
 kills      The same walk twice, once with `--record FILE --resume`, killed (SIGKILL) at random samples and begun again,
            in turn with all rows, as of a file, and with those from `AGAIN_S` before the last recorded one on, as of a
            logger: no line may be missing or told twice, and the whole must end the same.
@@ -17,7 +16,6 @@ listeners  A line a second and statuses to port and page, beside clients that re
 
 from __future__ import annotations
 
-import fcntl
 import json
 import multiprocessing
 import os
@@ -26,7 +24,6 @@ import socket
 import subprocess
 import sys
 import tempfile
-import termios
 import time
 from argparse import Namespace
 from collections.abc import Callable, Iterator, Sequence
@@ -100,14 +97,6 @@ class Rows:
 count = partial(Figure, pattern="{:.0f}")
 
 
-def read_memory_mb(process: int | str) -> float:
-    """Return the memory of a process, MB; NaN where the system does not show it."""
-    with suppress(OSError):
-        found = re.search(r"VmRSS:\s+(\d+) kB", Path(f"/proc/{process}/status").read_text())
-        return float(found.group(1)) / 1e3 if found else float("nan")
-    return float("nan")
-
-
 class Follower:
     """A running `fg-nav stream SOURCE`: its highest memory, MB, and, once it has ended, its lines."""
 
@@ -126,10 +115,11 @@ class Follower:
         return perf_counter() - began
 
     def measure_memory(self) -> float:
-        """Return MB of the command and of the process beside it."""
-        children = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children")
-        pids = [self.process.pid, *(children.read_text().split() if children.exists() else ())]
-        found = float(np.nansum([read_memory_mb(pid) for pid in pids]))
+        """Return MB of the command and of the process beside it, as Linux shows it."""
+        pid, processes = self.process.pid, Path("/proc")
+        pids = [f"{pid}", *(processes / f"{pid}/task/{pid}/children").read_text().split()]
+        status = "".join((processes / one / "status").read_text() for one in pids)
+        found = sum(int(kilobytes) for kilobytes in re.findall(r"VmRSS:\s+(\d+) kB", status)) / 1e3
         self.highest_mb = max(self.highest_mb, found)
         return found
 
@@ -163,33 +153,24 @@ def keep_busy(count: int) -> Iterator[None]:
 # --- hours and kills -------------------------------------------------------------------------------------------------
 
 RATE_HZ, KILLS = 200.0, 20
-BLOCK_S, PACE_S = 1.0, 0.05  # samples written at once, as fast as they are read and as they are walked
+BLOCK_S = 1.0  # samples written at once
 AGAIN_S = 10.0  # samples before the last save that are sent again after a kill: less than the lag
-MAX_WAIT_S, MAX_DIFFERENCE = 0.5, 0.1  # asked: of rows that come as they are walked, a stride; sigmas at the end
+MAX_DIFFERENCE = 0.1  # asked: sigmas at the end
 SAME_S = 1e-6
 
 
 def measure_hours(given: Namespace) -> list[Figure]:
-    """Send a walk, an hour after the other, and some minutes more in their time."""
+    """Send a walk, an hour after the other."""
     rows, follower = Rows.simulate(FIRST_SEED, RATE_HZ), Follower("-", ["--lag", f"{given.lag:g}"])
     follower.write(HEADER)
     hour, block, samples = (round(s / rows.period_s) for s in (3600.0, BLOCK_S, 3600.0 * given.hours))
-    took, waits, memory = list[float](), list[float](), list[float]()
+    took, waits = list[float](), list[float]()
     for begin in range(0, samples, hour):
         began, end = perf_counter(), min(begin + hour, samples)
         waits.append(max(follower.write(rows.format(k, min(k + block, end))) for k in range(begin, end, block)))
-        took, memory = [*took, perf_counter() - began], [*memory, follower.measure_memory()]
-        speed = (end - begin) * rows.period_s / took[-1]
-        print(f"hour {len(took)}: {speed:.1f} times faster, {memory[-1]:.0f} MB, longest wait {waits[-1]:.2f} s")
-    # as they are walked: for how long there is always something that it has not read
-    block, behind_s = round(PACE_S / rows.period_s), 0.0
-    began = empty = perf_counter()
-    for k in range(0, round(60.0 * given.real_time / rows.period_s), block):
-        time.sleep(max(began + k * rows.period_s - perf_counter(), 0.0))
-        if not any(fcntl.ioctl(follower.stdin.fileno(), termios.FIONREAD, bytes(4))):
-            empty = perf_counter()
-        behind_s = max(behind_s, perf_counter() - empty)
-        follower.write(rows.format(samples + k, samples + k + block))
+        took.append(perf_counter() - began)
+        speed, memory_mb = (end - begin) * rows.period_s / took[-1], follower.measure_memory()
+        print(f"hour {len(took)}: {speed:.1f} times faster, {memory_mb:.0f} MB, longest wait {waits[-1]:.2f} s")
     follower.end()
     name, speed = f"{given.hours:g} hours", 3600.0 * given.hours / sum(took)
     return [
@@ -197,8 +178,6 @@ def measure_hours(given: Namespace) -> list[Figure]:
         Figure(name, "longest wait (s)", "stream", max(waits)),
         count(name, "lines", "stream", len(follower.lines)),
         count(name, "memory, highest (MB)", "stream", follower.highest_mb),
-        Figure(name, "memory at the end over that of hour 2", "stream", memory[-1] / memory[:2][-1]),
-        Figure(name, "longest wait of rows as walked (s)", "stream", behind_s, high=MAX_WAIT_S),
     ]
 
 
@@ -438,7 +417,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
         hours=option(24.0, "of walking", metavar="N"),
         minutes=option(10.0, "of sending", metavar="N"),
         lag=option(60.0, "fixed lag", metavar="SECONDS"),
-        real_time=option(0.0, "more, as they are walked", metavar="MINUTES"),
         hogs=option(2, "processes that keep a core busy each", metavar="N"),
     )
     harness.report_figures(MEASURES[given.what](given))

@@ -22,7 +22,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import harness
 import numpy as np
@@ -69,7 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     walks = harness.map_walks(simulate_case, cases, chosen.jobs)
     for method in chosen.methods:
         # the physical values belong to the grid
-        physical = find_physical(method)
+        physical = cast("GatedCompassParameters", find_parameters(method, PHYSICAL))
         own = {"allowance": 1.0, "window": physical.detector.window}
         begin = {name: float(own[name] if name in own else getattr(physical, name)) for name in GRIDS[method]}
         grid = {name: tuple(sorted({*values, begin[name]})) for name, values in GRIDS[method].items()}
@@ -128,13 +128,6 @@ class Bench:
         return point
 
 
-def find_physical(method: str) -> GatedCompassParameters:
-    """Parameters of a method in the preset `physical`."""
-    parameters = find_parameters(method, PHYSICAL)
-    assert isinstance(parameters, GatedCompassParameters)
-    return parameters
-
-
 def simulate_case(case: tuple[str, int, str]) -> Walked:
     """Simulate the walk of a scenario, seed and field."""
     scenario, seed, level = case
@@ -156,7 +149,8 @@ def measure_error(solution: Solution, truth: Floats) -> float:
 
 def measure_losses(method: str, points: Sequence[Point], walked: Walked) -> list[float]:
     """Loss at each point on a walk."""
-    physical, walk, losses = find_physical(method), walked.walk, list[float]()
+    physical = cast("GatedCompassParameters", find_parameters(method, PHYSICAL))
+    walk, losses = walked.walk, list[float]()
     for point in points:
         own: dict[str, Any] = dict(point)
         window = int(own.pop("window", physical.detector.window))

@@ -18,7 +18,7 @@ from __future__ import annotations
 import json
 import re
 import subprocess
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -93,37 +93,25 @@ def main(arguments: Sequence[str] | None = None) -> None:
         check=harness.option(False, "refuse pages that are not what would be written"),
         root=harness.option(ROOT, "of the project", type=Path, metavar="DIR"),
     )
-    for page, text in write_pages(chosen.root).items():
-        if chosen.check and read_page(page).replace(CHANGED, "") != text.replace(CHANGED, ""):
+    root: Path = chosen.root
+    # the papers, and the tables that experiments make of their files in the store
+    papers = [results.read_reproduction(root / FOLDER / f"{name}.json") for name in results.PAPERS]
+    blocks = {"papers": headlines(papers, "README.md"), "pocket": headlines(papers, "docs/pocket.md")}
+    for name, experiment in EXPERIMENTS.items():
+        path = root / FOLDER / f"{name}.json"
+        if experiment.blocks and path.exists():
+            content = json.loads(path.read_text(encoding="utf-8"))
+            stamps = ["", describe_stamps(name, content["made"])] if content["made"] else []
+            blocks |= {mark: [*write(Table(content["rows"])), *stamps] for mark, write in experiment.blocks.items()}
+    # the pages with marks, and the papers' own
+    old = {page: page.read_text(encoding="utf-8") for page in (root / "README.md", *sorted(root.glob("docs/*.md")))}
+    new = {page: fill_marks(text, blocks) for page, text in old.items() if MARKED.search(text)}
+    for page, text in {root / "docs" / "results.md": document(papers), **new}.items():
+        if chosen.check and old.get(page, "").replace(CHANGED, "") != text.replace(CHANGED, ""):
             raise OutputError(f"{page} is not what is written from the files in {FOLDER}: run this without --check.")
         if not chosen.check:
             write_text(page, text)
         console().print(f"{'as written' if chosen.check else 'written'}: {page}", soft_wrap=True)
-
-
-def write_pages(root: Path) -> dict[Path, str]:
-    """Text of every page that has results in it."""
-    papers = [results.read_reproduction(root / FOLDER / f"{name}.json") for name in results.PAPERS]
-    blocks = {"papers": headlines(papers, "README.md"), "pocket": headlines(papers, "docs/pocket.md")}
-    blocks |= {name: lines for path in sorted((root / FOLDER).glob("*.json")) for name, lines in write_blocks(path)}
-    pages = [root / "README.md", *sorted((root / "docs").glob("*.md"))]
-    found = {page: fill_marks(read_page(page), blocks) for page in pages if MARKED.search(read_page(page))}
-    return {root / "docs" / "results.md": document(papers), **found}
-
-
-def read_page(page: Path) -> str:
-    """Text of a page; none where it is not there."""
-    return page.read_text(encoding="utf-8") if page.exists() else ""
-
-
-def write_blocks(path: Path) -> Iterator[tuple[str, list[str]]]:
-    """Yield the tables that an experiment makes of its file in the store."""
-    if path.stem not in EXPERIMENTS:
-        return
-    content, experiment = json.loads(path.read_text(encoding="utf-8")), EXPERIMENTS[path.stem]
-    for name, write in experiment.blocks.items():
-        stamps = ["", describe_stamps(path.stem, content["made"])] if content["made"] else []
-        yield name, [*write(Table(content["rows"])), *stamps]
 
 
 def describe_stamps(name: str, made: Mapping[str, Mapping[str, str]]) -> str:

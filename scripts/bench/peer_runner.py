@@ -4,8 +4,8 @@
 
 `FOLDER/input.npz` holds `t` (N,) s, `acc` (N, 3) m/s^2, `gyr` (N, 3) rad/s, `mag` (N, 3) uT, held from sample to
 sample, `still` (N,), whether the foot stands, and `repeats`. What comes of it, `output.npz`: `quaternion` (N, 4)
-xyzw of nav_R_body, z up; `position` (N, 3) m where there is one; `seconds` of the processor, the least of the repeats,
-behind a first call that compiles; and `version`. Nothing of fg-nav is imported, and all parameters are defaults.
+xyzw of nav_R_body, z up; `position` (N, 3) m where there is one; and `seconds` of the processor, the least of the
+repeats, behind a first call that compiles. Nothing of fg-nav is imported, and all parameters are defaults.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +72,6 @@ RUNS: dict[str, Callable[..., Run]] = {
     "vqf": lambda **given: run_vqf(**given, offline=False),
     "vqf offline": lambda **given: run_vqf(**given, offline=True),
 }
-"""By name; the word before a comma or a space is the package's."""
 
 if __name__ == "__main__":
     folder, given = Path(sys.argv[2]), dict(np.load(Path(sys.argv[2]) / "input.npz"))
@@ -84,5 +82,4 @@ if __name__ == "__main__":
         began = time.process_time()
         found = run()
         seconds.append(time.process_time() - began)
-    package = sys.argv[1].replace(",", " ").split()[0]
-    np.savez(folder / "output.npz", seconds=min(seconds), version=version(package), **found)
+    np.savez(folder / "output.npz", seconds=min(seconds), **found)

@@ -186,7 +186,6 @@ class Experiment:
     columns, asked : what is shown and what is asked.
     seeds, first : how many simulated walks, from which on; none of an experiment on recordings alone.
     options : of the command line, besides those of all, as `harness.parse_arguments` takes them.
-    judge : more figures than those of `asked`.
     blocks : tables of pages, by the names of their marks.
     keeps_walks : whether each walk is stored, or the sums over the walks alone.
     """
@@ -198,7 +197,6 @@ class Experiment:
     seeds: int = 0
     first: int = harness.FIRST_SEED
     options: Mapping[str, Any] = field(default_factory=dict)
-    judge: Callable[[Table], list[Figure]] = lambda table: []
     blocks: Mapping[str, Block] = field(default_factory=dict)
     keeps_walks: bool = True
 
@@ -217,13 +215,14 @@ def sum_up(table: Table, columns: Sequence[Column]) -> list[list[str]]:
     return [[row[k] or "-" for k in kept] for row in [heads, *rows]]
 
 
-def write_row(cells: Sequence[str]) -> str:
-    """Write a row of a table in Markdown; what would end a cell, or be taken for a tag, is escaped."""
-    escaped = (cell.replace("|", "\\|").replace("\n", " ").replace("<i", "&lt;i") for cell in cells)
-    return f"| {' | '.join(escaped)} |"
-
-
 def write_table(heads: Sequence[str], rows: Iterable[Sequence[str]], words: int = 1, last: int = 0) -> list[str]:
-    """Write a table in Markdown, whose first and last columns are words and the others figures."""
+    """Write a table in Markdown, whose first and last columns are words and the others figures.
+
+    What would end a cell, or be taken for a tag, is escaped.
+    """
+    lines = [
+        " | ".join(cell.replace("|", "\\|").replace("\n", " ").replace("<i", "&lt;i") for cell in row)
+        for row in (heads, *rows)
+    ]
     marks = "|---" * words + "|---:" * (len(heads) - words - last) + "|---" * last + "|"
-    return [write_row(heads), marks, *map(write_row, rows)]
+    return [f"| {lines[0]} |", marks, *(f"| {line} |" for line in lines[1:])]

@@ -11,7 +11,7 @@ classification"; code at github.com/utiasSTARS/pyshoe.
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -20,12 +20,12 @@ from typing import Any
 import numpy as np
 import scipy.io
 import walks
-from harness import Figure, option
+from harness import option
 from scipy.spatial.transform import Rotation
 from walks import Real
 
 from experiments import Asked, Column, Experiment, Figures, Found, Table, Task, write_table
-from fg_nav.arrays import Floats, interpolate_columns
+from fg_nav.arrays import interpolate_columns
 from fg_nav.detection import detect_stances
 from fg_nav.detection.stance import Stances
 from fg_nav.ekf import run_iez
@@ -63,7 +63,7 @@ SECTIONS: Mapping[str, Sequence[str]] = {
 """Sets of each section; those with a barometer are solved by the smoother alone."""
 
 RMSE, SPACE, NEES, CLOSURE, GROUND, Z = "rmse_2d_m", "rmse_3d_m", "nees", "closure_percent", "ground_m", "z_m"
-WORSE_SHARE, WORSE_M, MAX_WORSE = 0.10, 0.03, 3  # By which a walk is worse than by the filter, and on how many.
+WORSE_SHARE, WORSE_M = 0.10, 0.03  # by which a walk is worse than by the filter
 
 
 def list_tasks(sections: Sequence[str], estimates: Mapping[str, Estimate], chosen: Namespace) -> list[Task]:
@@ -102,10 +102,7 @@ def measure_solution(walk: Walk, estimate: Estimate) -> Figures:
         found[NEES] = compute_stance_nees(solution.stances, walk.truth).median_ratio
     if walk.truth is None:
         found |= measure_end(solution)
-    if metrics.get("strides_true") is not None:
-        found["miscounted"] = metrics["strides_detected"] - metrics["strides_true"]
-    word = judge_path(walk, solution).word
-    return {**found, "verdict": word, "trusted": int(word == "trusted")}
+    return {**found, "verdict": judge_path(walk, solution).word}
 
 
 def measure_end(solution: Solution) -> dict[str, float]:
@@ -131,26 +128,8 @@ def list_behind(table: Table) -> list[tuple[str, str, float, float]]:
     return found
 
 
-def judge_real_walks(table: Table) -> list[Figure]:
-    """Return the figures that are no sum over a section."""
-    name = f"worse than iez by {100 * WORSE_SHARE:.0f} % and {100 * WORSE_M:.0f} cm"
-    figures = [Figure("all", name, INERTIAL, len(list_behind(table)), high=MAX_WORSE, pattern="{:.0f}")]
-    for section, high in (("mtig", 0.3), (f"mtig{AIR}", 0.15)):
-        rows = table.of(section, INERTIAL)
-        stairs = [row.get(Z, np.inf) for walk, row in rows.items() if "_14_stair" in walk]
-        if stairs:
-            figures.append(Figure(section, "stairs up and down, apart (m)", INERTIAL, abs(sum(stairs)), high=high))
-    return figures
-
-
 PYSHOE = {(RMSE, "mean"): 0.079, (RMSE, "median"): 0.055, (SPACE, "mean"): 0.131, (SPACE, "median"): 0.087}
 """Errors in m of PyShoe's own filter with the same labels on the same trials, `vicon, labels`."""
-OURS = partial(Asked, variant=INERTIAL)
-REAL_ASKED = (
-    *(OURS(figure, how, high=high, section=LABELLED) for (figure, how), high in PYSHOE.items()),
-    OURS(SPACE, "p95", high=0.588, section=DETECTED),  # published of a filter with soft zero-velocity updates
-    OURS("miscounted", "sum", high=0, section="gdin", pattern="{:.0f}"),
-)
 
 # --- tables of real walks --------------------------------------------------------------------------------------------
 
@@ -274,11 +253,6 @@ PART_HEADS: Mapping[str, tuple[str, str]] = {
 """Section and sum of each column of the table in docs/models.md."""
 
 
-def list_parts(chosen: Namespace) -> list[Task]:
-    """Every variant of the smoother on the same walks."""
-    return list_tasks(PART_SECTIONS, {name: partial(smooth, parameters=PARTS[name]) for name in chosen.parts}, chosen)
-
-
 def write_parts(table: Table) -> list[str]:
     """One row a variant."""
     rows = []
@@ -292,9 +266,10 @@ def write_parts(table: Table) -> list[str]:
 
 TRUSTED, DOUBTFUL, REFUSED = "trusted", "doubtful", "refused"
 WORDS = (TRUSTED, DOUBTFUL, UNUSABLE, REFUSED)
-GOOD, CLIPPED, ELSEWHERE, MTI1 = "good", "clipped", "worn elsewhere", "mti1_loops"
+GOOD, ELSEWHERE, MTI1 = "good", "worn elsewhere", "mti1_loops"
+CLIPPED, THIN, LOOSE, CROSSED = "clipped", "20 Hz", "loose", "wrong axes"
 WRONGLY = "wrong, trusted"
-NO_WALKS = ("by hand", "crawling", ELSEWHERE, "high-passed", "20 Hz", "loose", "wrong axes")
+NO_WALKS = ("by hand", "crawling", ELSEWHERE, "high-passed", THIN, LOOSE, CROSSED)
 ENDS_AT_START = ("square", "rectangle", "large", "c_shape", "lap_360", "five_small", "hallway", "stairs",
                  "lab_corridor", "openshoe", "xio")  # fmt: skip
 SEGMENTS = ("upper_leg_left", "upper_leg_right", "hand_right", "forearm_left", "head", "hip")
@@ -303,36 +278,26 @@ OTHERS: Mapping[str, str] = {
     "corridor": "corridor_lab", "by hand": "by hand", "crawling": "crawling", "leg": ELSEWHERE,
 }  # fmt: skip
 """Kind of each set but the good ones."""
-SIMULATED_SEED = 301
+SIMULATED_SEEDS = range(301, 308)
 
 Load = Callable[[], RawRecording]
 
 
-def list_cases(data: Path) -> Iterator[tuple[str, str, Load]]:
-    """Yield kind, name and recording of all, good ones first."""
-    simulated = [
-        (f"simulated {seed}", partial(simulate_demo, seed)) for seed in range(SIMULATED_SEED, SIMULATED_SEED + 7)
-    ]
+def list_verdicts(chosen: Namespace) -> list[Task]:
+    """All recordings, good ones first."""
+    data = walks.data_folder(chosen.data)
+    simulated = [(f"simulated {seed}", partial(simulate_demo, seed)) for seed in SIMULATED_SEEDS]
     sets = ("vicon", "gdin", "running", "gdlbio", "openshoe", "xio")
     real = [one for name in sets for one in walks.list_set(data, name) if not one.name.startswith("2018-02-09")]
-    yield from ((GOOD, one.name, one.read_raw) for one in real)
-    yield from ((GOOD, name, load) for name, load in simulated)
+    cases: list[tuple[str, str, Load]] = [(GOOD, one.name, one.read_raw) for one in real]
+    cases += [(GOOD, *one) for one in simulated]
     for name, kind in OTHERS.items():
         for one in (one for one in walks.list_set(data, name) if "still" not in one.name):
-            yield "high-passed" if one.name == "lap_high_passed" else kind, one.name, one.read_raw
-    yield from ((ELSEWHERE, segment, partial(read_segment, data, segment)) for segment in SEGMENTS)
-    # spoiled ones
+            cases.append(("high-passed" if one.name == "lap_high_passed" else kind, one.name, one.read_raw))
+    cases += [(ELSEWHERE, segment, partial(read_segment, data, segment)) for segment in SEGMENTS]
     for k, one in enumerate(real[::8][:6]):
-        change = (-np.eye(3), np.eye(3)[[1, 0, 2]], np.diag([1.0, 1.0, -1.0]))[k % 3]
-        yield CLIPPED, one.name, partial(spoil, clip, one.read_raw)
-        yield "20 Hz", one.name, partial(spoil, thin_out, one.read_raw)
-        yield "loose", simulated[k][0], partial(spoil, partial(loosen, k), simulated[k][1])
-        yield "wrong axes", one.name, partial(spoil, partial(turn_gyr, change), one.read_raw)
-
-
-def list_verdicts(chosen: Namespace) -> list[Task]:
-    """All recordings."""
-    cases = list_cases(walks.data_folder(chosen.data))
+        cases += [(kind, one.name, partial(spoil, kind, k, one.read_raw)) for kind in (CLIPPED, THIN, CROSSED)]
+        cases.append((LOOSE, simulated[k][0], partial(spoil, LOOSE, k, simulated[k][1])))
     return [Task(kind, name, partial(judge_walk, name, load, chosen.methods)) for kind, name, load in cases]
 
 
@@ -359,14 +324,6 @@ def judge_walk(name: str, load: Load, methods: Sequence[str]) -> Found:
     return {method: judge(method) for method in methods}
 
 
-# --- spoiled recordings ----------------------------------------------------------------------------------------------
-
-
-def spoil(change: Callable[[RawRecording], RawRecording], load: Load) -> RawRecording:
-    """Change a recording where it is read."""
-    return change(load())
-
-
 def read_segment(data: Path, name: str) -> RawRecording:
     """Read the sensor of one segment of the whole body."""
     body = scipy.io.loadmat(data / "qmt_fullbody" / "full_body_example_data.mat", simplify_cells=True)
@@ -381,30 +338,25 @@ def simulate_demo(seed: int) -> RawRecording:
     return RawRecording(recording.t, recording.acc, recording.gyr, np.arange(len(recording)), truth=recording.truth)
 
 
-def clip(raw: RawRecording) -> RawRecording:
-    """Cut acc and gyr at half of the largest reading of any axis."""
-    acc, gyr = (np.clip(x, -0.5 * np.abs(x).max(), 0.5 * np.abs(x).max()) for x in (raw.acc, raw.gyr))
-    return replace(raw, acc=acc, gyr=gyr)
-
-
-def thin_out(raw: RawRecording) -> RawRecording:
-    """Keep the samples of a sensor of 20 Hz, each the reading of an instant."""
-    kept = np.s_[:: max(1, round(1.0 / (20.0 * float(np.median(np.diff(raw.t))))))]
-    return replace(raw, t=raw.t[kept], acc=raw.acc[kept], gyr=raw.gyr[kept], row=raw.row[kept])
-
-
-def turn_gyr(change: Floats, raw: RawRecording) -> RawRecording:
-    """Give the gyroscope other axes than the accelerometer."""
-    return replace(raw, gyr=raw.gyr @ change.T)
-
-
 SLACK_RAD, RING_HZ, RING_S = np.radians(8.0), 9.0, 0.15  # Of a loose sensor: how far it turns, and how it rings.
 
 
-def loosen(seed: int, raw: RawRecording) -> RawRecording:
-    """Let the sensor turn on the shoe: to another angle within its slack in each swing, ringing as it comes to rest."""
-    rng = np.random.default_rng(seed)
-    stances = detect_stances(Recording.from_raw(raw))
+def spoil(kind: str, k: int, load: Load) -> RawRecording:
+    """Read a recording and spoil it; `k` draws how."""
+    raw = load()
+    # gyroscope and accelerometer cut at half of the largest reading of any axis
+    if kind == CLIPPED:
+        acc, gyr = (np.clip(x, -0.5 * np.abs(x).max(), 0.5 * np.abs(x).max()) for x in (raw.acc, raw.gyr))
+        return replace(raw, acc=acc, gyr=gyr)
+    # a sensor of 20 Hz, each sample the reading of an instant
+    if kind == THIN:
+        kept = np.s_[:: max(1, round(1.0 / (20.0 * float(np.median(np.diff(raw.t))))))]
+        return replace(raw, t=raw.t[kept], acc=raw.acc[kept], gyr=raw.gyr[kept], row=raw.row[kept])
+    # a gyroscope with other axes than the accelerometer
+    if kind == CROSSED:
+        return replace(raw, gyr=raw.gyr @ (-np.eye(3), np.eye(3)[[1, 0, 2]], np.diag([1.0, 1.0, -1.0]))[k % 3])
+    # a sensor that turns on the shoe to another angle within its slack in each swing, and rings as it comes to rest
+    rng, stances = np.random.default_rng(k), detect_stances(Recording.from_raw(raw))
     slack, angle = np.zeros((len(raw.t), 3)), np.zeros(3)
     for start, stop in zip(stances.stop[:-1], stances.start[1:], strict=True):
         target = SLACK_RAD * rng.uniform(-1.0, 1.0, 3)
@@ -423,23 +375,9 @@ def loosen(seed: int, raw: RawRecording) -> RawRecording:
 
 # --- methods on real floors ------------------------------------------------------------------------------------------
 
-FLOORS: Mapping[str, tuple[str, str]] = {
-    "laps": ("mems", "lap_360m"), "squares": ("mems", ""), "hallway": ("mtig", "2022_1_14_hallway_walk3"),
-    "openshoe": ("openshoe", ""), "gdin": ("gdin", ""),
-}  # fmt: skip
-"""Set of each section, and how the names of its walks begin."""
+FLOORS: Mapping[str, str] = {"laps": "mems", "openshoe": "openshoe", "gdin": "gdin"}
+"""Set of each section; of mems the laps alone."""
 FLOOR_METHODS = ("inertial", "smoother", "smoother raw", "card", "smoother:directions", "iez", "qsf", "ma2018", "aiez")
-
-
-def list_floors(chosen: Namespace) -> list[Task]:
-    """All sets."""
-    data = walks.data_folder(chosen.data)
-    return [
-        Task(section, one.name, partial(measure_methods, one, tuple(chosen.methods)))
-        for section, (name, begin) in FLOORS.items()
-        for one in walks.list_set(data, name)
-        if one.name.startswith(begin) and not (section == "squares" and one.name.startswith(("lap", "c_shape")))
-    ]
 
 
 def measure_methods(real: Real, methods: Sequence[str]) -> Found:
@@ -452,10 +390,9 @@ def measure_methods(real: Real, methods: Sequence[str]) -> Found:
         gate = variant.removeprefix("gate=") if variant.startswith("gate=") else walk.options.gate
         changes = (("smoother.walk.directions", True),) if variant == "directions" else ()
         outcome = run_method(replace(walk, options=replace(walk.options, gate=gate, changes=changes)), method)
-        found = {"compass": int((outcome.solution.graph or {}).get("magnetic_heading", 0))}
         if walk.truth is not None:
-            return {**found, "error": outcome.metrics.rmse_2d_m}
-        return {**found, "error": outcome.metrics.closure_percent, **measure_end(outcome.solution)}
+            return {"error": outcome.metrics.rmse_2d_m}
+        return {"error": outcome.metrics.closure_percent, **measure_end(outcome.solution)}
 
     return {name: partial(measure, name) for name in methods}
 
@@ -489,11 +426,8 @@ EXPERIMENTS: Mapping[str, Experiment] = {
             Column("ground_ratio", "/ sigma", "rms", "{:.2f}"),
             Column(Z, "z (m)", "mean / worst"),
             Column("z_ratio", "/ its sigma", "rms", "{:.2f}"),
-            Column("miscounted", "strides miscounted", "sum", "{:.0f}"),
-            Column("trusted", "trusted", "sum", "{:.0f}"),
         ),
-        REAL_ASKED,
-        judge=judge_real_walks,
+        [Asked(key, how, high=high, section=LABELLED, variant=INERTIAL) for (key, how), high in PYSHOE.items()],
         blocks={
             "real-walks": partial(write_lines, SUMMARY),
             "vicon": partial(write_lines, VICON),
@@ -504,7 +438,9 @@ EXPERIMENTS: Mapping[str, Experiment] = {
     ),
     "parts": Experiment(
         "The smoother without one of its parts, on the same real walks (slow).",
-        list_parts,
+        lambda chosen: list_tasks(
+            PART_SECTIONS, {name: partial(smooth, parameters=PARTS[name]) for name in chosen.parts}, chosen
+        ),
         [Column(key.split()[0], key, key.split()[1]) for key in dict.fromkeys(key for _, key in PART_HEADS.values())],
         options={"parts": option(list(PARTS), "variants", nargs="+", choices=tuple(PARTS), metavar="NAME")},
         blocks={"ablation": write_parts},
@@ -513,15 +449,18 @@ EXPERIMENTS: Mapping[str, Experiment] = {
     "real-magnetometers": Experiment(
         """Real walks with a magnetometer, method beside method.
 
-        Laps of 355 m, squares and rectangles, a hallway and openshoe: closure over the ground, % of the way; gdin: rmse
-        at the footprints, m. All methods have the magnetometer that the walk itself calibrates, but for `raw`, which
-        finds the iron on its way. `sigmas`: error over claimed sigma of the last footfall, rms over walks and both
-        axes.""",
-        list_floors,
+        Laps of 355 m and openshoe: closure over the ground, % of the way; gdin: rmse at the footprints, m. All methods
+        have the magnetometer that the walk itself calibrates, but for `raw`, which finds the iron on its way. `sigmas`:
+        error over claimed sigma of the last footfall, rms over walks and both axes.""",
+        lambda chosen: [
+            Task(section, one.name, partial(measure_methods, one, tuple(chosen.methods)))
+            for section, name in FLOORS.items()
+            for one in walks.list_set(walks.data_folder(chosen.data), name)
+            if section != "laps" or one.name.startswith("lap")
+        ],
         (
             Column("error", "mean / median / worst", "mean / median / worst"),
             Column("ground_ratio", "sigmas", "rms", "{:.2f}"),
-            Column("compass", "compass factors", "sum", "{:.0f}"),
         ),
         options={"methods": FLOOR_METHODS},
         blocks={"magnetometer": write_pairs},

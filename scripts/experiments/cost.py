@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 from argparse import Namespace
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -46,7 +46,7 @@ from fg_nav.solution import Solution
 from fg_nav.truth import TrajectoryTruth
 from fg_nav.walk import Options, Walk
 
-SEED = 1
+SEED, REPEATS = 1, 3
 
 # --- a sample --------------------------------------------------------------------------------------------------------
 
@@ -61,24 +61,23 @@ ASKED: Mapping[tuple[str, str], float] = {
     ("online", "bare loop"): 60.0,
 }
 """Call over another call: at most."""
-FILTER_US = 4.0  # of a filter, us a sample
 
 
 def list_samples(chosen: Namespace) -> list[Task]:
     """Walks of different length."""
     return [
-        Task(f"{minutes:g} min", f"{SEED}", partial(measure_samples, minutes, chosen.ratio, chosen.repeats))
+        Task(f"{minutes:g} min", f"{SEED}", partial(measure_samples, minutes, chosen.ratio))
         for minutes in sorted(chosen.minutes or ((10.0, 20.0, 60.0) if chosen.ratio else (10.0, 20.0)))
     ]
 
 
-def measure_samples(minutes: float, ratio: bool, repeats: int) -> Found:
-    """Call all on one walk in turn, as often as asked, after a short one that compiles; least time of each, us."""
+def measure_samples(minutes: float, ratio: bool) -> Found:
+    """Call all on one walk in turn, again and again, after a short one that compiles; least time of each, us."""
     recording = simulate_long_walk(minutes, SEED, RATE_HZ, None if ratio else "indoor")
     for call in list_calls(recording.slice(0, round(30 * RATE_HZ)), ratio).values():
         call()
     calls = list_calls(recording, ratio)
-    least = np.min([[measure_cpu(call) for call in calls.values()] for _ in range(repeats)], axis=0)
+    least = np.min([[measure_cpu(call) for call in calls.values()] for _ in range(REPEATS)], axis=0)
     return {name: {"us": float(us)} for name, us in zip(calls, 1e6 * least / len(recording), strict=True)}
 
 
@@ -124,7 +123,7 @@ def follow_walk(recording: Recording) -> None:
 
 # --- a command -------------------------------------------------------------------------------------------------------
 
-LINES, REPEATS = 100_000, 3  # written at once; of the start
+LINES = 100_000  # written at once
 HOUR = 'like = "mall"\ncourse = {points_m = [[0, 0], [0, 60], [110, 60], [110, 0], [0, 0]], laps = 15}\n'  # 5 km
 CPU, WALL, MEMORY = "processor (s)", "wall (s)", "memory (MB)"
 
@@ -132,9 +131,8 @@ CPU, WALL, MEMORY = "processor (s)", "wall (s)", "memory (MB)"
 def run_command(*words: str, variables: Mapping[str, str] | None = None) -> dict[str, float]:
     """Run `fg-nav` with these words; its processor time, its time on the wall and its memory at its highest."""
     began, command = perf_counter(), [sys.executable, "-m", "fg_nav.cli", *words]
-    process = subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env={**os.environ, **(variables or {})}
-    )
+    quiet, variables = subprocess.DEVNULL, {**os.environ, **(variables or {})}
+    process = subprocess.Popen(command, stdout=quiet, stderr=quiet, env=variables)
     _, status, used = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
@@ -188,9 +186,11 @@ def measure_simulator() -> Found:
     return runs
 
 
-# --- other programs ---------------------------------------------------------------------------------------------------
+# --- other programs --------------------------------------------------------------------------------------------------
 
 RUNNER = Path(__file__).resolve().parents[1] / "bench" / "peer_runner.py"
+OURS = ("smoother", "iez")
+PEERS: Sequence[str] = ("gaitmap", "gaitmap, our stances", "vqf", "vqf offline")  # the last two have no position
 LEFT_OUT: Mapping[str, str] = {
     "fg-nav smoother": "-",
     "fg-nav iez": "smoothing, field",
@@ -202,13 +202,13 @@ LEFT_OUT: Mapping[str, str] = {
 
 def list_peers(chosen: Namespace) -> list[Task]:
     """Motion-captured trials, loops, and simulated walks of a minute, whose attitude is known."""
-    data, measure = walks.data_folder(chosen.data), partial(measure_programs, chosen.python, chosen.repeats)
+    data, measure = walks.data_folder(chosen.data), partial(measure_programs, chosen.python)
     real = [(name, one) for name in ("vicon", "openshoe") for one in walks.list_set(data, name)]
     tasks = [Task(name, one.name, partial(measure, one)) for name, one in real]
     return tasks + [Task("simulated", f"{seed}", partial(measure, seed)) for seed in seeds_of(chosen)]
 
 
-def measure_programs(python: str | None, repeats: int, source: Real | int) -> Found:
+def measure_programs(python: str | None, source: Real | int) -> Found:
     """Run all programs on a walk, a recording or that of a seed; times over that of the bare loop."""
     if isinstance(source, Real):
         walk = source.prepare(labelled=source.path.suffix == ".mat")
@@ -216,43 +216,35 @@ def measure_programs(python: str | None, repeats: int, source: Real | int) -> Fo
     else:
         recording = simulate("demo", source).recording
         stances = detect_stances(recording)
-    others = ("gaitmap", "gaitmap, our stances", *(("vqf", "vqf offline") if isinstance(source, int) else ()))
-    programs: dict[str, Callable[[], tuple[float, Rotation, Any]]] = {
-        **{name: partial(run_ours, run, recording, stances, repeats) for name, run in OURS.items()},
-        **{name: partial(run_peer, python, name, recording, stances, repeats) for name in others},
-    }
-    bare_s = min(measure_cpu(partial(run_bare_loop, recording)) for _ in range(repeats))
+    bare_s = min(measure_cpu(partial(run_bare_loop, recording)) for _ in range(REPEATS))
 
     def measure(run: Callable[[], tuple[float, Rotation, Any]]) -> Figures:
         seconds, nav_R_body, position = run()
         costs = {"over_bare": seconds / bare_s, "us_a_sample": 1e6 * seconds / len(recording)}
         return {**costs, **measure_errors(recording, nav_R_body, position)}
 
-    return {name: partial(measure, run) for name, run in programs.items()}
+    others = PEERS[:2] if isinstance(source, Real) else PEERS
+    return {
+        **{f"fg-nav {name}": partial(measure, partial(run_ours, name, recording, stances)) for name in OURS},
+        **{name: partial(measure, partial(run_peer, python, name, recording, stances)) for name in others},
+    }
 
 
-def run_smoother(recording: Recording, stances: Stances) -> Solution:
-    """Run the smoother, with the magnetometer where there is one, as the filters of orientation have it."""
-    if recording.mag is None:
-        return smooth(recording, stances)
-    return run_method(prepare_walk(Walk.of(recording, Options())), "smoother").solution
-
-
-OURS: Mapping[str, Callable[[Recording, Stances], Solution]] = {"fg-nav smoother": run_smoother, "fg-nav iez": run_iez}
-
-
-def run_ours(
-    run: Callable[[Recording, Stances], Solution], recording: Recording, stances: Stances, repeats: int
-) -> tuple[float, Rotation, Any]:
+def run_ours(method: str, recording: Recording, stances: Stances) -> tuple[float, Rotation, Any]:
     """Processor time of a method of ours, the least behind a first call, attitudes and positions."""
-    solution = run(recording, stances)
-    seconds = min(measure_cpu(partial(run, recording, stances)) for _ in range(repeats))
+
+    def run() -> Solution:
+        if method == "iez" or recording.mag is None:
+            return (run_iez if method == "iez" else smooth)(recording, stances)
+        # with the magnetometer, as the filters of orientation have it, from the samples on
+        return run_method(prepare_walk(Walk.of(recording)), method).solution
+
+    solution = run()
+    seconds = min(measure_cpu(run) for _ in range(REPEATS))
     return seconds, Rotation.from_matrix(solution.nav_R_body), solution.position
 
 
-def run_peer(
-    python: str | None, name: str, recording: Recording, stances: Stances, repeats: int
-) -> tuple[float, Rotation, Any]:
+def run_peer(python: str | None, name: str, recording: Recording, stances: Stances) -> tuple[float, Rotation, Any]:
     """Run another program in its interpreter; raises `SimulationError` where that is not to be had."""
     if python is None:
         raise SimulationError(f"{name} needs an interpreter that has it: name that with --python.")
@@ -261,7 +253,7 @@ def run_peer(
     mag = mag[np.maximum.accumulate(np.where(seen, np.arange(len(mag)), np.argmax(seen)))]
     samples: dict[str, Any] = {"t": recording.t, "acc": recording.acc, "gyr": recording.gyr, "mag": mag}
     with tempfile.TemporaryDirectory() as folder:
-        np.savez(f"{folder}/input.npz", still=stances.mask, repeats=repeats, **samples)
+        np.savez(f"{folder}/input.npz", still=stances.mask, repeats=REPEATS, **samples)
         ran = subprocess.run([python, str(RUNNER), name, folder], capture_output=True, text=True, check=False)
         if ran.returncode:
             raise SimulationError(f"{name} did not run: {(ran.stderr.strip().splitlines() or ['no word'])[-1][:200]}")
@@ -272,14 +264,14 @@ def run_peer(
 def measure_errors(recording: Recording, nav_R_body: Rotation, position: Any) -> dict[str, float]:
     """Errors of position, rms over the samples after a rotation about up and a shift, and of attitude."""
     errors, truth = dict[str, float](), recording.truth
-    if position is not None and not isinstance(truth, TrajectoryTruth):
-        errors["closure_m"] = float(np.linalg.norm(position[-1] - position[0]))
-    elif position is not None and isinstance(truth, TrajectoryTruth):
+    if not isinstance(truth, TrajectoryTruth):
+        return {"closure_m": float(np.linalg.norm(position[-1] - position[0]))}
+    if position is not None:
         row, true = interpolate_truth(truth, recording.t)
         off = align(position[row], true).apply(position[row]) - true
         for key, part in (("rmse_2d_m", off[:, :2]), ("rmse_3d_m", off)):
             errors[key] = float(np.sqrt((part**2).sum(axis=1).mean()))
-    if isinstance(truth, TrajectoryTruth) and truth.nav_R_body is not None and len(truth.t) == len(recording):
+    if truth.nav_R_body is not None and len(truth.t) == len(recording):
         turn = nav_R_body * Rotation.from_matrix(truth.nav_R_body).inv()  # in nav: about up, and the rest
         x, y, z, w = turn.as_quat().T
         heading = np.unwrap(2.0 * np.arctan2(z, w))
@@ -329,12 +321,10 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         ),
         [
             *(Asked("us", "mean", high=high, variant=name, over=by) for (name, by), high in ASKED.items()),
-            *(Asked("us", "mean", high=FILTER_US, variant=name) for name in FILTERS),
         ],
         options={
             "ratio": option(False, "smooth over the bare loop alone"),
             "minutes": option(None, "of the walks", type=float, nargs="+", metavar="M"),
-            "repeats": option(3, "how often all is run", metavar="N"),
         },
     ),
     "commands": Experiment(
@@ -369,10 +359,7 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         list_peers,
         COLUMNS,
         seeds=6,
-        options={
-            "python": option(None, "the interpreter that has the others", metavar="PYTHON"),
-            "repeats": option(3, "how often all is run", metavar="N"),
-        },
+        options={"python": option(None, "the interpreter that has the others", metavar="PYTHON")},
         blocks={"peers": write_peers},
     ),
 }  # fmt: skip

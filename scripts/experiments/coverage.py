@@ -29,7 +29,7 @@ from __future__ import annotations
 
 from argparse import Namespace
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 
@@ -41,7 +41,6 @@ from walks import Real
 
 from experiments import Asked, Column, Experiment, Found, Table, Task, find_truth, give_heading, write_table
 from fg_nav.arrays import Floats, Ints
-from fg_nav.detection.stance import Stances
 from fg_nav.errors import EvaluationError
 from fg_nav.evaluation.comparison import align, interpolate_truth, lift_to_space, match_footprints, yaw_between
 from fg_nav.frames import wrap_angle, yaw_rotation
@@ -54,8 +53,8 @@ from fg_nav.lab.simulation.sensors.triad import Drift
 from fg_nav.pipeline import prepare_walk
 from fg_nav.smoother.batch import smooth_graph
 from fg_nav.smoother.sensitivity import FootfallCovariance, weigh_path
-from fg_nav.solution import Solution, StanceTable
-from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
+from fg_nav.solution import StanceTable
+from fg_nav.truth import FootprintTruth, TrajectoryTruth
 from fg_nav.walk import Options, Walk
 
 FREEDOM = {"horizontal": 2, "along": 1, "across": 1, "height": 1, "heading": 1, "length": 1}
@@ -69,47 +68,39 @@ MIN_MOVE_M = 0.3  # A shorter move has no direction.
 TURN = np.array([[0.0, -1.0], [1.0, 0.0]])  # A quarter to the left.
 
 
-@dataclass(frozen=True)
-class Seen:
-    """Footfalls that the truth saw.
+class JointErrors:
+    """The errors of a walk after its gauge, and the weights (F, 4, N) of the footfalls' errors in them.
 
-    Attributes
+    Parameters
     ----------
-    row : (M,) of the stance table.
+    stances, joint : of the solution.
+    row : (M,) of the footfalls that the truth saw.
     place : (M, 3) m, true; heights of zero where there are none.
     sigma_m : of each true place, per axis.
-    has_height : whether the truth has heights.
     nav_R_body : (M, 3, 3) true attitude; None without.
     is_aligned : whether the truth is in the solution's frame but for its origin; else its yaw is fitted.
     """
 
-    row: Ints
-    place: Floats
-    sigma_m: float
-    has_height: bool
-    nav_R_body: Floats | None
-    is_aligned: bool
-
-
-class JointErrors:
-    """The errors of a walk after its gauge, and the weights (F, 4, N) of the footfalls' errors in them."""
-
-    def __init__(self, stances: StanceTable, joint: FootfallCovariance, seen: Seen) -> None:
+    def __init__(
+        self, stances: StanceTable, joint: FootfallCovariance, row: Ints, place: Floats, sigma_m: float,
+        nav_R_body: Floats | None, is_aligned: bool,
+    ) -> None:  # fmt: skip
         assert stances.pose_cov is not None
-        self.stances, self.joint, self.seen, self.own = stances, joint, seen, stances.pose_cov
-        self.first, self.later = seen.row[0], seen.row[1:]
+        self.stances, self.joint, self.own, self.nav_R_body = stances, joint, stances.pose_cov, nav_R_body
+        self.row, self.first, self.later = row, row[0], row[1:]
+        self.has_height, self.variance = bool(place[:, 2].any()), sigma_m**2
         # errors relative to the first footfall
         unit = np.zeros((len(stances), 4, 4))
         unit[self.first] = np.eye(4)
         start, with_start = joint.combine(unit)
         with_start = with_start[self.later]
         self.relative = self.own[self.later] - with_start - np.swapaxes(with_start, 1, 2) + start
-        self.relative[:, :3, :3] += 2 * seen.sigma_m**2 * np.eye(3)
-        p = stances.position[seen.row]
-        self.p, q = p - p[0], seen.place - seen.place[0]
+        self.relative[:, :3, :3] += 2 * self.variance * np.eye(3)
+        p = stances.position[row]
+        self.p, q = p - p[0], place - place[0]
         # the yaw of the truth, and the weights of the errors in it
         self.yaw, self.slope, self.weight = 0.0, np.zeros((len(self.later), 2)), np.zeros((len(self.later), 2))
-        if not seen.is_aligned:
+        if not is_aligned:
             turn, W = align(q, self.p).truth_R_nav, np.linalg.inv(self.relative[:, :2, :2])
             self.yaw = float(np.arctan2(turn[1, 0], turn[0, 0]))
             for _ in range(ROUNDS):
@@ -126,12 +117,12 @@ class JointErrors:
 
     def measure(self) -> dict[str, Floats]:
         """Errors of each kind of `FREEDOM`, squared over the claim (N,)."""
-        heading = self.measure_stretches() if self.seen.nav_R_body is None else self.measure_yaws(self.seen.nav_R_body)
+        heading = self.measure_stretches() if self.nav_R_body is None else self.measure_yaws(self.nav_R_body)
         return {**self.measure_places(), "length": self.measure_lengths(), "heading": heading}
 
     def measure_places(self) -> dict[str, Floats]:
         """Measure the positions relative to the first."""
-        s2, h, total = self.seen.sigma_m**2, self.slope, self.weight.sum(axis=0)
+        s2, h, total = self.variance, self.slope, self.weight.sum(axis=0)
         # cov(d_k - d_0 + errors of the truth, psi'), and the variance of psi'
         cross = (self.with_yaw[self.later] - self.with_yaw[self.first])[:, :2, 0] + s2 * (self.weight + total)
         variance = self.yaw_variance[0, 0] + s2 * (np.sum(self.weight**2) + total @ total)
@@ -148,7 +139,7 @@ class JointErrors:
         for name, axis in (("along", ahead), ("across", ahead @ TURN.T)) if moved.any() else ():
             error = np.sum(axis * e[moved, :2], axis=1)
             found[name] = error**2 / np.einsum("ki,kij,kj->k", axis, C[moved], axis)
-        if self.seen.has_height:
+        if self.has_height:
             found["height"] = e[:, 2] ** 2 / self.relative[:, 2, 2]
         return found
 
@@ -157,15 +148,15 @@ class JointErrors:
         until = np.unique(np.linspace(0, len(self.p) - 1, PLACES + 1).round().astype(int))[1:]
         level = self.p * [1.0, 1.0, 0.0]
         weights = np.zeros((len(self.stances), 4, len(until)))
-        for column, last in enumerate(until):
-            weights[self.seen.row[: last + 1], :, column] = weigh_path(level[: last + 1])
+        for n, k in enumerate(until):
+            weights[self.row[: k + 1], :, n] = weigh_path(level[: k + 1])
         longer = np.diff([np.linalg.norm(np.diff(path[:, :2], axis=0), axis=1) for path in (self.q, self.p)], axis=0)[0]
         return self.weigh(np.cumsum(longer)[until - 1], weights)
 
     def measure_yaws(self, nav_R_body: Floats) -> Floats:
         """Measure the heading at each footfall but the first, whose own is the gauge."""
-        error = wrap_angle(yaw_between(nav_R_body, self.stances.nav_R_body[self.seen.row])[1:] - self.yaw)
-        of_fit = self.yaw_variance[0, 0] + self.seen.sigma_m**2 * np.sum(self.of_yaw[:, :3] ** 2)
+        error = wrap_angle(yaw_between(nav_R_body, self.stances.nav_R_body[self.row])[1:] - self.yaw)
+        of_fit = self.yaw_variance[0, 0] + self.variance * np.sum(self.of_yaw[:, :3] ** 2)
         return np.asarray(error**2 / (self.own[self.later, 3, 3] - 2 * self.with_yaw[self.later, 3, 0] + of_fit))
 
     def measure_stretches(self) -> Floats:
@@ -176,14 +167,14 @@ class JointErrors:
             some = slice(first, last + 1)
             p, q = (path[some, :2] - path[some, :2].mean(axis=0) for path in (self.p, self.q))
             column = -self.of_yaw[:, :, 0]
-            column[self.seen.row[some], :2] += p @ TURN.T / np.sum(p**2)
+            column[self.row[some], :2] += p @ TURN.T / np.sum(p**2)
             columns.append(column)
             error.append(np.arctan2(np.sum(p * (q @ TURN.T)), np.sum(p * q)))
         return self.weigh(np.array(error), np.stack(columns, axis=2))
 
     def weigh(self, error: Floats, weights: Floats) -> Floats:
         """Measure combinations (N,) of the errors with weights (F, 4, N)."""
-        of_truth = self.seen.sigma_m**2 * np.sum(weights[:, :3] ** 2, axis=(0, 1))
+        of_truth = self.variance * np.sum(weights[:, :3] ** 2, axis=(0, 1))
         return np.asarray(error**2 / (np.diagonal(self.joint.combine(weights)[0]) + of_truth))
 
 
@@ -247,37 +238,34 @@ def cover(walk: Walk, heading: float | None, is_aligned: bool | None) -> dict[st
     has a frame of its own. Raises `EvaluationError` where that saw fewer than `FEWEST`.
     """
     smoothed = smooth_graph(walk.recording, walk.stances, heading=heading, field=walk.field)
-    solution = smoothed.solution
-    truth = walk.truth
+    table, truth, t = smoothed.solution.stances, walk.truth, smoothed.solution.t
     assert truth is not None
-    row, place = find_seen(solution, walk.stances, truth)
+    # rows that the truth saw, and true places, of footprints with heights of zero
+    if isinstance(truth, TrajectoryTruth):
+        row, place = interpolate_truth(truth, table.t)
+    elif truth.t is None:
+        match = match_footprints(table.position[:, :2], truth)
+        row, place = match.stance[match.found], lift_to_space(truth.xy[match.found])
+    else:
+        instant = truth.t[:, None]
+        outside = np.maximum(t[walk.stances.start] - instant, instant - t[walk.stances.stop - 1])
+        found = outside.min(axis=1) < WITHIN_S
+        row, first = np.unique(walk.stances.footfall[outside.argmin(axis=1)[found]], return_index=True)
+        place = lift_to_space(truth.xy[found][first])
     if len(row) < FEWEST:
         raise EvaluationError(f"the truth saw {len(row)} footfalls: {FEWEST} are needed.")
+    # errors over their claim
     if is_aligned is None:
-        planar = isinstance(truth, FootprintTruth)
-        seen = Seen(row, place, FOOTPRINT_SIGMA_M if planar else CAPTURE_SIGMA_M, not planar, None, False)
+        sigma_m = FOOTPRINT_SIGMA_M if isinstance(truth, FootprintTruth) else CAPTURE_SIGMA_M
+        errors = JointErrors(table, smoothed.joint, row, place, sigma_m, None, False)
     else:
-        nav_R_body = find_truth(walk.recording)[1][solution.stances.sample[row]]
-        seen = Seen(row, place, 0.0, True, nav_R_body, is_aligned)
+        nav_R_body = find_truth(walk.recording)[1][table.sample[row]]
+        errors = JointErrors(table, smoothed.joint, row, place, 0.0, nav_R_body, is_aligned)
     figures = dict[str, float]()
-    for kind, squared in JointErrors(solution.stances, smoothed.joint, seen).measure().items():
+    for kind, squared in errors.measure().items():
         figures[kind] = float(np.mean(squared < chi2.ppf(REGION, FREEDOM[kind])))
         figures[f"{kind} ratio"] = float(np.sqrt(squared.mean() / FREEDOM[kind]))
     return figures
-
-
-def find_seen(solution: Solution, stances: Stances, truth: Truth) -> tuple[Ints, Floats]:
-    """Rows of the stance table that a truth saw, and true places (M, 3) m, of footprints with heights of zero."""
-    if isinstance(truth, TrajectoryTruth):
-        return interpolate_truth(truth, solution.stances.t)
-    if truth.t is None:
-        match = match_footprints(solution.stances.position[:, :2], truth)
-        return match.stance[match.found], lift_to_space(truth.xy[match.found])
-    instant = truth.t[:, None]
-    outside = np.maximum(solution.t[stances.start] - instant, instant - solution.t[stances.stop - 1])
-    found = outside.min(axis=1) < WITHIN_S
-    row, first = np.unique(stances.footfall[outside.argmin(axis=1)[found]], return_index=True)
-    return row, lift_to_space(truth.xy[found][first])
 
 
 def write_coverage(table: Table) -> list[str]:

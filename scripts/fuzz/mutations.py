@@ -28,6 +28,7 @@ Rng: TypeAlias = np.random.Generator
 T = TypeVar("T")
 Mutation: TypeAlias = Callable[[T, Rng], T]
 Table: TypeAlias = list[list[str]]
+TableChange: TypeAlias = Callable[[Table, int, int, Rng], Table]
 
 
 def draw(rng: Rng, some: Sequence[T]) -> T:
@@ -194,7 +195,7 @@ def mutate_bytes(data: bytes, rng: Rng) -> tuple[bytes, str]:
 
 # --- tables ----------------------------------------------------------------------------------------------------------
 
-BREAKS: tuple[Callable[[Table, int, int, Rng], Table], ...] = (
+BREAKS: Sequence[TableChange] = (
     lambda table, row, k, rng: _put(table, slice(row, row + 1), k, draw(rng, (*FIELDS, "x" * 200_000))),
     lambda table, row, k, rng: [line[:k] + line[k + 1 :] for line in table],
     lambda table, row, k, rng: _put(table, slice(1, None), k, draw(rng, FIELDS)),
@@ -223,7 +224,7 @@ def _vary(table: Table, rows: slice, k: int, rng: Rng) -> Table:
     return table
 
 
-VARIATIONS: tuple[Callable[[Table, int, int, Rng], Table], ...] = (
+VARIATIONS: Sequence[TableChange] = (
     lambda table, row, k, rng: _vary(table, slice(row, None), k, rng),
     lambda table, row, k, rng: _vary(table, slice(row), k, rng),
     lambda table, row, k, rng: _vary(table, slice(row, row + int(rng.integers(1, 6))), k, rng),
@@ -235,21 +236,13 @@ VARIATIONS: tuple[Callable[[Table, int, int, Rng], Table], ...] = (
 """Given a row and a field: change numbers from it on, up to it or about it, lose rows, move a column's numbers."""
 
 
-def scramble_table(text: str, rng: Rng, separator: str = "") -> str:
-    """Break a table in one to six ways."""
-    return _change_table(text, rng, separator or ("," if "," in text else "   "), BREAKS, 7)
-
-
-def vary_table(text: str, rng: Rng, separator: str) -> str:
-    """Change the numbers of a table in one to three ways; what is no number stays."""
-    return _change_table(text, rng, separator, VARIATIONS, 4) + "\n"
-
-
-def _change_table(
-    text: str, rng: Rng, separator: str, ways: Sequence[Callable[[Table, int, int, Rng], Table]], most: int
+def scramble_table(
+    text: str, rng: Rng, separator: str = "", ways: Sequence[TableChange] = BREAKS, most: int = 6
 ) -> str:
+    """Break a table in one to six ways, or change it in so many of others."""
+    separator = separator or ("," if "," in text else "   ")
     table = [line.split(separator) for line in text.splitlines()]
-    for _ in range(rng.integers(1, most)):
+    for _ in range(rng.integers(1, most + 1)):
         if table:
             row = int(rng.integers(len(table)))
             table = draw(rng, ways)(table, row, int(rng.integers(max(1, len(table[row])))), rng)

@@ -131,19 +131,12 @@ def test_each_part_left_out_is_a_smoother_of_its_own(demo):
     assert 0.01 < scale["plain zero velocity"] - scale["default"] < 0.04
 
 
-def test_walks_behind_and_a_staircase_are_found():
-    def row(section, walk, variant, **more):
-        return {"section": section, "walk": walk, "variant": variant, **more}
+def test_walks_behind_the_filter_are_found():
+    def row(walk, variant, error):
+        return {"section": "gdin", "walk": walk, "variant": variant, "rmse_2d_m": error}
 
-    rows = [row("gdin", "a", "inertial", rmse_2d_m=0.30), row("gdin", "a", "iez", rmse_2d_m=0.26)]
-    rows += [row("gdin", "b", "inertial", rmse_2d_m=0.30), row("gdin", "b", "iez", rmse_2d_m=0.28)]  # behind by 2 cm
-    ends = {"1_13_straight_a": (100.0, 0.1), "1_14_stair_up": (9.0, 3.0), "1_14_stair_down": (9.0, -3.2)}
-    rows += [row("mtig, barometer", walk, "inertial", ground_m=d, z_m=z) for walk, (d, z) in ends.items()]
-    found = experiments.Table(rows)
-    assert accuracy.list_behind(found) == [("gdin", "a", 0.30, 0.26)]
-    by_name = {figure.name: figure for figure in accuracy.judge_real_walks(found)}
-    assert by_name["stairs up and down, apart (m)"].measured == pytest.approx(0.2)
-    assert by_name["stairs up and down, apart (m)"].mark == "missed"
+    rows = [row("a", "inertial", 0.30), row("a", "iez", 0.26), row("b", "inertial", 0.30), row("b", "iez", 0.28)]
+    assert accuracy.list_behind(experiments.Table(rows)) == [("gdin", "a", 0.30, 0.26)]  # b is behind by 2 cm
 
 
 def test_a_simulated_way_is_covered_by_its_sigmas():
@@ -155,16 +148,16 @@ def test_a_simulated_way_is_covered_by_its_sigmas():
 
 def test_spoiled_recordings_are_not_trusted():
     raw = accuracy.simulate_demo(301)
-    turned = accuracy.turn_gyr(np.eye(3)[[1, 0, 2]], raw)
+    spoiled = {kind: accuracy.spoil(kind, 1, lambda: raw) for kind in ("clipped", "20 Hz", "wrong axes", "loose")}
     judged = {
         name: accuracy.judge_walk("simulated", lambda some=some: some, ["smoother"])["smoother"]
-        for name, some in (("good", raw), ("axes", turned))
+        for name, some in (("good", raw), ("axes", spoiled["wrong axes"]))
     }
     assert judged["good"]["trusted"] == 1
     assert judged["axes"]["trusted"] == 0
-    assert len(accuracy.thin_out(raw).t) < len(raw.t) / 5
-    assert np.abs(accuracy.clip(raw).gyr).max() == pytest.approx(np.abs(raw.gyr).max() / 2)
-    assert np.isfinite(accuracy.loosen(1, raw).gyr).all()
+    assert len(spoiled["20 Hz"].t) < len(raw.t) / 5
+    assert np.abs(spoiled["clipped"].gyr).max() == pytest.approx(np.abs(raw.gyr).max() / 2)
+    assert np.isfinite(spoiled["loose"].gyr).all()
 
 
 def test_laps_wander_aside_by_what_they_say():
@@ -216,8 +209,8 @@ def test_missing_recordings_are_one_sentence(tmp_path, capsys):
 
 def test_two_feet_are_measured_alone_and_together():
     found = worn.measure_pair("demo", False, 3)
-    assert set(found) == {f"{side} {how}" for side in ("left", "right") for how in ("alone", "together")}
-    assert all(0 < one["position (m)"] < 1.0 for one in found.values())
+    assert set(found) == {"alone", "together"}
+    assert all(0 < error < 1.0 for one in found.values() for error in one.values())
 
 
 def test_lines_of_a_walk_in_progress_are_held_against_its_end():
@@ -225,16 +218,15 @@ def test_lines_of_a_walk_in_progress_are_held_against_its_end():
     found = online.measure_pushed(walk, walk.options.heading_rad)
     assert 0 < found["worst"] < 10.0
     assert found["gap (m)"] < 0.3
-    assert 0 < found["batch (m)"] < 1.0
+    assert 0 < found["moment (m)"] < 1.0
 
 
 def test_a_walk_is_smoothed_with_places_and_without(monkeypatch):
-    monkeypatch.setattr(places, "COURSES", {"demo": (scenario("demo"), 1)})
+    monkeypatch.setattr(places, "COURSES", {"demo": scenario("demo")})
     monkeypatch.setattr(places, "calibrate", lambda seed: None)
-    found = experiments.measure_variants(lambda: places.measure_course("demo", "smooth", True, None, 3))
+    found = experiments.measure_variants(lambda: places.measure_course("demo", "smooth", 3))
     assert all("failure" not in found[name] for name in ("with", "without"))
-    assert 0 < found["without"]["all"] < 1.0
-    assert 0 < found["without"]["ratio"] < 3.0
+    assert 0 < found["without"]["all (m)"] < 1.0
 
 
 @needs_data
@@ -248,5 +240,4 @@ def test_methods_are_compared_on_a_real_floor():
 def test_a_phone_in_a_pocket_is_laid_beside_its_fixes():
     path = sorted((DATA / "pocket_gnss").glob("*.zip"))[0]
     found = experiments.measure_variants(lambda: worn.measure_pocket(path))
-    assert 0.5 < found["sensor"]["metres"] < 1.5
-    assert found["with fixes"]["held (m)"] < found["sensor"]["rigid (m)"] + 20.0
+    assert 0.0 < found["with fixes"]["held (m)"] < found["sensor"]["rigid (m)"]
