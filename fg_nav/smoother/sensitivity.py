@@ -165,13 +165,14 @@ class FootfallCovariance:
         return columns.explained + pull.T @ pull, self.nav_T_body @ (columns.solve()[at] + L @ pull)
 
 
-def weigh_path(position: Floats) -> Floats:
-    """Return the gradient (F, 4) of path length by the error of each footfall, position (F, 3) m."""
-    weights, move = np.zeros((len(position), 4)), np.diff(position, axis=0)
+def weigh_path(position: Floats, until: int | None = None) -> Floats:
+    """Return the gradient (F, 4) of path length by the error of each footfall, position (F, 3) m, up to `until`."""
+    weights = np.zeros((len(position), 4))
+    move = np.diff(position[: until if until is None else until + 1], axis=0)
     length = np.linalg.norm(move, axis=1, keepdims=True)
     unit = np.divide(move, length, out=np.zeros_like(move), where=length > 0.0)
-    weights[1:, :3] += unit
-    weights[:-1, :3] -= unit
+    weights[1 : len(unit) + 1, :3] += unit
+    weights[: len(unit), :3] -= unit
     return weights
 
 

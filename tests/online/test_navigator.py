@@ -16,9 +16,11 @@ from fg_nav.online import OnlineNavigator
 from fg_nav.online import navigator as navigator_module
 from fg_nav.online.buffer import OnlineOptions, rows_of
 from fg_nav.online.navigator import finish_walk
+from fg_nav.online.strides import find_stride_fixes
 from fg_nav.recording import Recording
 from fg_nav.samples.intake import MAX_CLOCK_STEP_S, UNKNOWN_GAP_S, Intake
 from fg_nav.smoother import smooth
+from fg_nav.smoother.constraints import pin_to_times
 from fg_nav.solution import StanceTable
 from fg_nav.truth import Fix
 from fg_nav.walk import Options, Walk
@@ -231,6 +233,19 @@ def test_the_map_turns_to_the_fixes_and_says_so_and_what_they_have_yet_to_show_i
     assert off.max() > 2.0
     assert (off < 3.0 * sigma + 0.02).all()
     assert np.degrees(lines[-1].pose_cov[3, 3] ** 0.5) < 3.0
+
+
+def test_a_fix_of_a_stride_has_the_node_and_the_sigma_of_the_batch():
+    rng = np.random.default_rng(4)
+    t_node = np.sort(rng.uniform(0.0, 4.0, 6))
+    several = [Fix(float(t), rng.normal(size=3), 0.2, 0.3) for t in rng.uniform(-1.0, 5.0, 40)]
+    before = float(t_node[2])
+    found = find_stride_fixes(several, t_node, before)
+    inside = [fix for fix in several if before < fix.time_s <= t_node[-1]]
+    assert [fix.time_s for _, fix in found] == [fix.time_s for fix in inside]
+    pinned = pin_to_times(inside, t_node)
+    np.testing.assert_array_equal([node for node, _ in found], pinned.node)
+    np.testing.assert_allclose([fix.horizontal_sigma_m for _, fix in found], pinned.horizontal)
 
 
 # --- seconds lost in mid-walk

@@ -17,6 +17,7 @@ from fg_nav.pocket import (
     OnlinePocket,
     PocketParameters,
     PocketSmootherParameters,
+    PocketStart,
     estimate_pocket,
     iterated_smoother,
     smooth_pocket,
@@ -92,6 +93,27 @@ def test_the_bias_is_as_good_as_the_bound_lets_it(leg, seed, assume):
     sigma = np.degrees(np.sqrt(upright @ track.covariance[-1, 3:, 3:] @ upright))
     assert 0.9 * bound < sigma < 1.3 * bound
     assert abs(upright @ error_deg_s(track)) < 4 * bound + 0.006  # coning, see above
+
+
+def test_claims_are_true_over_many_walks(assume):
+    """NEES of the bias, 3 expected, in a field that walks as modelled, where no t-distribution is needed."""
+    leg = walking(20.0)
+    assume(FIELD_FREEDOM=1e6, PACE_FREEDOM=1e6, SWING_FREEDOM=1e6, FIELD_DEVIATION_UT=100.0)
+    nees, nis = [], []
+    for seed in range(24):
+        rng = np.random.default_rng((7, seed))
+        bias = np.radians(P.gyro_bias_sigma_deg_s) * rng.standard_normal(3)
+        recording = leg.recording(bias=bias, sigma=(NOISE[0], 0.3, 0.5), seed=seed)
+        steps = iterated_smoother.FIELD_WALK_UT * np.sqrt(leg.h) * rng.standard_normal((len(recording), 3))
+        wrong = 0.01 * rng.standard_normal(3) * [1, 1, 0]
+        start = PocketStart((np.eye(3) + np.cross(np.eye(3), wrong)) @ leg.attitude[0], 0.01)
+        track = smooth_pocket(moved_field(recording, leg, np.cumsum(steps, axis=0)), EXACT, start)
+        error = track.gyro_bias[track.covariance_sample[-1]] - bias
+        nees.append(error @ np.linalg.solve(track.covariance[-1, 3:, 3:], error))
+        nis.append(np.nanmean(track.field_nis))
+    # mean of 24 values of chi-square of 3: 3 +- 0.5; forces average over 100 samples and are better than is claimed
+    assert 1.2 < np.mean(nees) < 4.5
+    assert 1.6 < np.mean(nis) < 2.3  # of three numbers, as two
 
 
 @ESTIMATORS

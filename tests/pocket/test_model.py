@@ -152,6 +152,15 @@ def test_the_field_corrects_as_the_textbook_in_three_rows():
     assert np.allclose(state.gyro_bias, -x[3:], rtol=1e-9)
 
 
+def test_the_printed_difference_turns_the_field_the_wrong_way():
+    reference, theta = create_reference(), np.array([0.0, 0.05, 0.0])
+    set_reference(reference, TRUTH.T @ MUNICH)
+    propagate_reference(reference, theta, -H * right_jacobian(theta), H)
+    now = (TRUTH @ Rotation.from_rotvec(theta).as_matrix()).T @ MUNICH
+    assert np.allclose(predict_field(reference), now, atol=1e-12)
+    assert np.linalg.norm(predict_field(swap_turn(reference)) - now) > 3.0  # uT: twice the turn
+
+
 def test_a_bias_that_moves_between_two_fields_takes_the_chain_along():
     """A slower magnetometer: gravity moves the bias while the field is still waited for."""
     rates = np.random.default_rng(5).normal(0, 2, (5, 3))

@@ -50,7 +50,7 @@ COMPASS = replace(P, potential=False)
 EARTH = np.array([3.0, 20.0, -43.0])
 STRENGTH = float(np.hypot(3.0, 20.0))
 RIGHT = np.array([EARTH[1], -EARTH[0]]) / STRENGTH  # Of the field, over ground.
-ROUGH = field_factors.FieldRoughness(
+ROUGH = FieldRoughness(
     field_factors.Roughness(4.0, 2.0), field_factors.Roughness(5.0, 1.5), field_factors.Roughness(2.0, 60.0), 3.0
 )
 FIRST = FieldPrior(
@@ -60,7 +60,7 @@ NEVER = 1e-4  # Sigma of what is as good as known.
 UNIT = gtsam.noiseModel.Unit.Create(1)
 
 
-def error_of(factors: field_factors.FieldFactors, values: gtsam.Values) -> float:
+def error_of(factors: FieldFactors, values: gtsam.Values) -> float:
     return sum(block.error(values) for block in factors.blocks)
 
 
@@ -71,7 +71,7 @@ class Walked:
         self,
         count: int = 4,
         tilt: float = 0.3,
-        rough: field_factors.FieldRoughness = ROUGH,
+        rough: FieldRoughness = ROUGH,
         first: FieldPrior = FIRST,
         p: FieldParameters = P,
         used: Floats | bool = True,
@@ -88,14 +88,14 @@ class Walked:
             by_up=np.zeros((count - 1, 3)),
             body_move=np.einsum("nji,nj->ni", R[:-1], move),
             nav_R_level=R[:-1],
-            sigma_uT_m=np.full(count - 1, field_factors.PATH_SIGMA_UT_M),
+            sigma_uT_m=np.full(count - 1, PATH_SIGMA_UT_M),
             distance_m=np.linalg.norm(move, axis=1),
             level_R_body=Rotation.random(rng=rng).as_matrix(),
             jumps=np.zeros(count - 1, dtype=np.bool_),
         )
         sigma = np.where(np.broadcast_to(used, count), field_factors.COMPASS_SIGMA_UT, np.inf)
         self.readings = field_factors.CompassReadings(2 * np.arange(count), np.swapaxes(R, 1, 2) @ EARTH, R, sigma)
-        self.factors = field_factors.FieldFactors(self.readings, self.path, first, rough, p)
+        self.factors = FieldFactors(self.readings, self.path, first, rough, p)
 
     def values(self) -> gtsam.Values:
         states = zip(self.nav_R_body, self.position, strict=True)
@@ -134,7 +134,7 @@ def test_residuals_are_in_units_of_their_sigmas_and_those_of_the_compass_have_a_
     right = np.zeros(SIZE)
     right[REGION] = RIGHT
     parts = (
-        (np.eye(SIZE)[PHI], field_factors.PATH_SIGMA_UT_M, ROUGH.potential, 0.5 * sigmas**2),
+        (np.eye(SIZE)[PHI], PATH_SIGMA_UT_M, ROUGH.potential, 0.5 * sigmas**2),
         (np.eye(SIZE)[DELTA], field_factors.COMPASS_SIGMA_UT, ROUGH.across, tail(sigmas)),
         (right, field_factors.COMPASS_SIGMA_UT, ROUGH.regional, tail(sigmas)),
     )
@@ -174,7 +174,7 @@ def steady(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_headings_are_known_to_the_noise_of_a_compass_and_all_of_them_to_the_region(count, region_uT) -> None:
     """However many footfalls; differences as if the region were not there."""
     first = replace(KNOWN, sigma=np.where(np.isin(np.arange(SIZE), [2, 3]), region_uT, NEVER))
-    rough = field_factors.FieldRoughness(NONE, NONE, field_factors.Roughness(region_uT, 1e12), 0.0)
+    rough = FieldRoughness(NONE, NONE, field_factors.Roughness(region_uT, 1e12), 0.0)
     found = Walked(count=count, rough=rough, first=first, p=COMPASS).covariance_of_yaws()
     expected = region_uT**2 + field_factors.COMPASS_SIGMA_UT**2 * np.eye(count)
     np.testing.assert_allclose(found * STRENGTH**2, expected, rtol=1e-3, atol=1e-3 * field_factors.COMPASS_SIGMA_UT**2)

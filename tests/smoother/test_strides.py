@@ -235,8 +235,9 @@ def moved(truth, seed: int):
     return p + shift, v + kick, R @ turn
 
 
-def dense(recording: Recording, states):
-    return dense_trajectory(recording, SAMPLE, *states, *np.zeros((2, len(SAMPLE), 3)), GRAVITY_M_S2)
+def dense(recording: Recording, states, *biases: np.ndarray):
+    biases = np.repeat(biases or np.zeros((2, 3)), len(SAMPLE), axis=0).reshape(2, -1, 3)
+    return dense_trajectory(recording, SAMPLE, *states, *biases, GRAVITY_M_S2)
 
 
 def test_it_passes_through_every_node_and_velocity_is_the_derivative_of_position(recording: Recording, truth) -> None:
@@ -250,6 +251,15 @@ def test_it_passes_through_every_node_and_velocity_is_the_derivative_of_position
     missing[150] = 0.0  # two nodes a period apart, 2 cm from where they should be: nothing lies between
     assert np.linalg.norm(missing, axis=1).max() < 0.006
     assert np.linalg.norm(v, axis=1).max() > 4.0
+
+
+def test_biases_are_taken_off(recording: Recording, truth) -> None:
+    """But for the hundredths of a millimetre by which a bias changes coning and sculling."""
+    gyro, acc = np.array([0.01, -0.02, 0.03]), np.array([0.1, 0.2, -0.3])
+    biased = replace(recording, acc=recording.acc + acc, gyr=recording.gyr + gyro)
+    found = dense(biased, [states[SAMPLE] for states in truth], gyro, acc)
+    for integrated, dense_states in zip(truth, found, strict=True):
+        np.testing.assert_allclose(dense_states, integrated, atol=5e-5)
 
 
 def test_corrections_are_smooth(recording: Recording, truth) -> None:
