@@ -181,8 +181,9 @@ class PageServer:
 
     def send_status(self, status: dict[str, Any]) -> None:
         """Send the state between footfalls."""
-        history = self._walkers.main
-        known = {"distance_m": history.distance_m, "speed_m_s": history.speed_m_s(status["t"] or 0.0)}
+        history, t = self._walkers.main, status["t"] or 0.0
+        known = {"distance_m": history.distance_m, "speed_m_s": history.speed_m_s(t)}
+        known["standing_s"] = history.standing_s(t) if status["standing"] else 0.0
         self._status = {"kind": "status", **status, **{name: round(value, 3) for name, value in known.items()}}
         self._send_to(self._viewers, json.dumps(to_json(self._status), allow_nan=False))
 
