@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import signal
 import socket
+from collections.abc import Sequence
 
 from fg_nav.commands.requests import ViewRequest
 from fg_nav.commands.shared import Answer
@@ -27,13 +28,13 @@ def view(request: ViewRequest) -> Answer:
     door = open_port(request.host, request.port, "--port or --host")
     shown = f"{format_count(len(walkers), 'walk')} shown on {describe_page(request.host, door)}; Ctrl-C ends it."
     terminal.remark(f"fg-nav: {shown}")
-    asyncio.run(_serve(board, door))
+    asyncio.run(_serve(board, walkers, door))
     return Answer({"walkers": [one.name for one in walkers]}, lambda: None)
 
 
-async def _serve(board: BoardServer, door: socket.socket) -> None:
+async def _serve(board: BoardServer, walkers: Sequence[Walker], door: socket.socket) -> None:
     """Follow the walks, and serve the page, until a signal."""
-    loop, follows = asyncio.get_running_loop(), asyncio.ensure_future(board.follow())
+    loop, follows = asyncio.get_running_loop(), asyncio.gather(*map(board.follow, walkers))
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, follows.cancel)
     await board.open(door)

@@ -147,8 +147,8 @@ class LossCounter:
         edges = np.flatnonzero((step <= 0.0) | (step > MAX_STEP_S)) + 1
         for rows in np.split(np.arange(len(t)), edges):
             if len(rows) >= MIN_CLOCKED:
-                lost = np.diff(fit_clock(t[rows]).tick) - 1
-                missing[rows[:-1]] = lost if lost.sum() < len(rows) else 0
+                between = np.diff(fit_clock(t[rows]).tick) - 1
+                missing[rows[:-1]] = between * (between.sum() < len(rows))
         missing = missing[self._first : last]
         lost = int(missing.sum())
         if lost and not self.samples:

@@ -66,13 +66,8 @@ class BoardServer(PageServer):
         self._statuses: dict[str, str] = {}
         self._heard: dict[str, float] = {}
 
-    async def follow(self) -> None:
-        """Follow all walks, until it is cancelled."""
-        async with asyncio.TaskGroup() as group:
-            for one in self._walkers_by_name.values():
-                group.create_task(self._follow_walker(one))
-
-    async def _follow_walker(self, walker: Walker) -> None:
+    async def follow(self, walker: Walker) -> None:
+        """Follow a walk, until it is cancelled."""
         quiet = logging.getLogger(__name__)
         quiet.disabled = True
         while True:

@@ -39,15 +39,16 @@ Row = tuple[float, float, float, float]
 class History:
     """The path of one sensor, or of a person.
 
-    `last` is the newest line `now`, `frame` that of the lines, empty where they name none.
+    `last` is the newest line `now`, `frame` that of the lines, empty where they name none, `stepped_s` the time of the
+    newest footfall that began a stance.
     """
 
     def __init__(self) -> None:
-        self.frame = ""
+        self.frame, self.stepped_s = "", np.inf
         self.last: dict[str, Any] | None = None
         self._rows: list[Row] = []
         self._stamps: dict[int, float] = {}  # of the newest lines, by number
-        self._stands, self._stepped_s = True, -np.inf  # Whether it does, and the newest footfall that began a stance.
+        self._stands = True
         self._thinned_m = 0.0  # By which rows that were dropped made the path longer.
         self._at_end = ""
         self._replaced: list[Row] = []
@@ -58,7 +59,7 @@ class History:
         if kind == "now":
             self.last, row = dict(event), (event["t"], *event["position_m"])
             self._stands = bool(event["continues"])
-            self._stepped_s = self._stepped_s if self._stands else event["t"]
+            self.stepped_s = self.stepped_s if self._stands else event["t"]
             self._stamps[event["stance"]] = event["t"]
             self._stamps.pop(event["stance"] - MAX_ROWS, None)
             is_known = bool(self._rows) and abs(self._rows[-1][0] - row[0]) <= SAME_S
@@ -87,10 +88,6 @@ class History:
     def distance_m(self) -> float:
         """Length of the path over the ground."""
         return self._thinned_m + measure_length(np.array(self._list_shown()).reshape(-1, 4))
-
-    def standing_s(self, t: float) -> float:
-        """How long who stands at a time has stood, since the footfall before."""
-        return max(t - self._stepped_s, 0.0) if np.isfinite(self._stepped_s) else 0.0
 
     def speed_m_s(self, t: float) -> float:
         """Speed of the last stride at a time; 0 where the person stands."""

@@ -193,7 +193,7 @@ class PageServer:
         """Send the state between footfalls."""
         history, t = self._walkers.main, status["t"] or 0.0
         known = {"distance_m": history.distance_m, "speed_m_s": history.speed_m_s(t)}
-        known["standing_s"] = history.standing_s(t) if status["standing"] else 0.0
+        known["standing_s"] = max(t - history.stepped_s, 0.0) if status["standing"] else 0.0
         self._status = {"kind": "status", **status, **{name: round(value, 3) for name, value in known.items()}}
         self._send_to(self._viewers, json.dumps(to_json(self._status), allow_nan=False))
 

@@ -40,13 +40,15 @@ def follow(monkeypatch):
     ends = []
 
     def follow(*walkers):
-        served = Served(BoardServer(HOST, [Walker.parse(words) for words in walkers]), open_port(HOST, 0, "--port"))
-        ends.append((served, asyncio.run_coroutine_threadsafe(served.server.follow(), LOOP)))
+        named = list(map(Walker.parse, walkers))
+        served = Served(BoardServer(HOST, named), open_port(HOST, 0, "--port"))
+        ends.append((served, [asyncio.run_coroutine_threadsafe(served.server.follow(one), LOOP) for one in named]))
         return served
 
     yield follow
-    for served, task in ends:
-        task.cancel()
+    for served, tasks in ends:
+        for task in tasks:
+            task.cancel()
         served.close()
 
 
@@ -89,7 +91,7 @@ def test_a_plan_lies_on_its_two_points(tmp_path):
     for path, points, words in (
         (file, None, "two points"), (None, "1,2=3,4 5,6=7,8", "two points"), (file, "1,2=3,4", "lay no plan"),
         (file, "1,2=3,4 1,2=5,6", "lay no plan"), (file, "1,2=3,4 5,6=3,4", "lay no plan"),
-        (tmp_path / "none.png", "0,0=0,0 1,1=1,1", "cannot be read"), (tmp_path, "0,0=0,0 1,1=1,1", "is no picture"),
+        (tmp_path / "none.png", "0,0=0,0 1,1=1,1", "is no picture"), (tmp_path, "0,0=0,0 1,1=1,1", "is no picture"),
     ):  # fmt: skip
         with pytest.raises(StreamError, match=words):
             Plan.read(path, points)

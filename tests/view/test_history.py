@@ -69,8 +69,7 @@ def test_a_footfall_that_a_revision_brought_is_there_once_and_the_distance_is_th
 
 def test_who_stands_stands_since_the_last_step():
     history = history_of([now(0, 0.0, 0.0), now(1, 1.0, 0.0), *(now(k, 1.0, 0.0, continues=True) for k in (3, 5))])
-    assert history.standing_s(6.5) == 5.5
-    assert History().standing_s(3.0) == 0.0
+    assert history.stepped_s == 1.0
 
 
 def test_the_past_moves_as_the_revised_path_does_and_keeps_its_shape():

@@ -14,7 +14,7 @@ const walks = new Map([["", newWalk("")]]);
 let walk = walks.get("");
 const plan = { image: null, light: null, dark: null, origin: [0, 0], right: [1, 0], down: [0, -1] }; // m of a pixel
 const view = { east: 0, north: 0, scale: 40, mode: "all", courseUp: false, turn: 0 }; // mode: all, follow or free
-const link = { socket: null, lost: false };
+const link = { lost: false };
 
 const $ = (id) => document.getElementById(id);
 const canvas = $("canvas"), pen = canvas.getContext("2d"), dark = matchMedia("(prefers-color-scheme: dark)");
@@ -24,7 +24,6 @@ const canvas = $("canvas"), pen = canvas.getContext("2d"), dark = matchMedia("(p
 function connect() {
   const scheme = location.protocol === "https:" ? "wss" : "ws";
   const socket = new WebSocket(`${scheme}://${location.host}/live`);
-  link.socket = socket;
   socket.onmessage = (message) => { take(JSON.parse(message.data)); };
   socket.onclose = () => { link.lost = true; show(); setTimeout(connect, RETRY_MS); };
 }
@@ -159,7 +158,7 @@ function put(id, value, digits = 0, unit = "", sign = false) {
 }
 
 function putSigma(id, value, digits, unit) {
-  $(id).textContent = Number.isFinite(value) && value !== null ? `± ${value.toFixed(value >= 10 ? 0 : digits)} ${unit}` : "";
+  $(id).textContent = Number.isFinite(value) && value !== null ? `± ${value.toFixed(value >= 10 ? 0 : value >= 1 ? 1 : digits)} ${unit}` : "";
 }
 
 function putLamp(id, kind, words) {
@@ -169,7 +168,7 @@ function putLamp(id, kind, words) {
 
 function showFigures() {
   const at = position(), sigma = known("position_sigma_m") ?? [], status = walk.status ?? {};
-  put("east", at?.[0], 2); put("north-m", at?.[1], 2, "m");
+  put("east", at?.[0], sigma[0] >= 1 ? 1 : 2); put("north-m", at?.[1], sigma[1] >= 1 ? 1 : 2, "m");
   putSigma("east-sigma", sigma[0], 2, ""); putSigma("north-sigma", sigma[1], 2, "");
   put("heading", known("heading_deg"), 0, "°"); putSigma("heading-sigma", known("heading_sigma_deg"), 1, "°");
   put("floor", known("floor"), 0, "", true); $("floor-words").textContent = known("floor") === null ? "not known" : "from the start";
@@ -353,10 +352,9 @@ function draw() {
 }
 
 const WALKERS = 6; // colours of walkers
-const NAMES = ["ground", "grid", "grid-strong", "path", "past", "ellipse", "again", "left", "right", "ink", "soft", "bad", "caution", ...Array.from({ length: WALKERS }, (_, k) => `walker-${k + 1}`)];
 const colors = () => {
   const style = getComputedStyle(document.documentElement);
-  return Object.fromEntries(NAMES.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
+  return new Proxy({}, { get: (_, name) => style.getPropertyValue(`--${name}`).trim() });
 };
 
 const place = (one, east, north) => project(east + one.start[0], north + one.start[1]);
@@ -469,7 +467,7 @@ function drawRing(color, one, at, cov, filled) {
 function drawPerson(color, shade, one) {
   const [x, y] = place(one, ...position(one)), way = course(one), [kind, words] = stateOf(one);
   pen.font = "600 13px system-ui, sans-serif"; pen.lineJoin = "round"; pen.lineWidth = 4;
-  pen.strokeStyle = color.ground; pen.fillStyle = color[kind] ?? color.ink;
+  pen.strokeStyle = color.ground; pen.fillStyle = color[kind || "ink"];
   const label = [one.name, kind === "good" ? "" : words].filter(Boolean).join(": ");
   const left = x + 14 + pen.measureText(label).width > size.width; // on the other side where it would be cut off
   pen.textAlign = left ? "right" : "left";
