@@ -6,6 +6,7 @@ import asyncio
 import signal
 import socket
 from collections.abc import Sequence
+from contextlib import suppress
 
 from fg_nav.commands.requests import ViewRequest
 from fg_nav.commands.shared import Answer
@@ -38,5 +39,6 @@ async def _serve(board: BoardServer, walkers: Sequence[Walker], door: socket.soc
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, follows.cancel)
     await board.open(door)
-    await asyncio.wait([follows])
+    with suppress(asyncio.CancelledError):
+        await follows
     await board.close()

@@ -19,7 +19,7 @@ from tests.browser import open_browser
 from tests.view.lines import circle, now, status
 from tests.view.serving import LOOP, Served
 from tests.view.test_browser import wait
-from tests.view.test_servers import HOST, WAIT_S, read, read_until
+from tests.view.test_servers import HOST, WAIT_S, read, read_until, wait_for
 
 
 def open_page(port=0):
@@ -102,6 +102,7 @@ def test_a_plan_lies_on_its_two_points(tmp_path):
 def test_a_board_shows_each_walk_whole_to_who_comes_late_and_again_after_a_break(follow):
     with closing(open_page()) as anna, closing(open_page()) as ben:
         served = follow(f"anna={anna.port}", f"ben={ben.port}@5,6")
+        wait_for(lambda: len(served.server._heard) == 2)  # what is sent from here on is relayed line by line
         send_walk(anna, circle(12))
         with connect(f"ws://{HOST}:{served.port}/live", open_timeout=WAIT_S) as page:
             said = read_until(page, lambda event: event["kind"] == "walker" and event["walker"] == "ben")

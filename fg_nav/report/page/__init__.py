@@ -175,7 +175,7 @@ def _choose_highlights(summary: Mapping[str, Any]) -> list[tuple[str, Cell, str]
         ("end_error_m", "error at the end", aligned),
     ]
     return [
-        (words, Cell(key, f"{format_digits(value)} {key.rsplit('_', 1)[-1]}", value), addition)
+        (words, Cell(key, f"{format_digits(value, decimals=2 + (key != 'width_m'))} m", value), addition)
         for key, words, addition in shown
         if (value := summary.get(key)) is not None and (key != "closure_m" or is_loop([summary]))
     ]
@@ -281,7 +281,7 @@ def _describe_origin(both: FeetResult) -> str:
     pairing = both.pairing
     known = {"named": "as it was named", "shown": "as the steps show", "assumed": "which is assumed"}[pairing.sides]
     words = f"The first recording is of the {pairing.order[0]} foot, {known}."
-    if pairing.width_m is None:
+    if pairing.width_m is None or abs(pairing.clock_offset_s) < 5e-4:
         return words
     clock = f"{pairing.clock_offset_s:+.3f} s, {'as given' if pairing.clock_given else 'by the signals'}"
     return f"{words} To the stamps of the second one was added {clock}."

@@ -467,7 +467,7 @@ function drawRing(color, one, at, cov, filled) {
 function drawPerson(color, shade, one) {
   const [x, y] = place(one, ...position(one)), way = course(one), [kind, words] = stateOf(one);
   pen.font = "600 13px system-ui, sans-serif"; pen.lineJoin = "round"; pen.lineWidth = 4;
-  pen.strokeStyle = color.ground; pen.fillStyle = color[kind || "ink"];
+  pen.strokeStyle = color.ground; pen.fillStyle = color[["bad", "caution"].includes(kind) ? kind : "ink"];
   const label = [one.name, kind === "good" ? "" : words].filter(Boolean).join(": ");
   const left = x + 14 + pen.measureText(label).width > size.width; // on the other side where it would be cut off
   pen.textAlign = left ? "right" : "left";
