@@ -245,9 +245,7 @@ class PageOptions:
     port: int = option(OUTPUT, "Of the page; 0 for a free one.", "PORT", default=8642)
     plan: Path | None = option(OUTPUT, "Picture under the path, with --plan-points.", "PICTURE")
     plan_points: str | None = option(
-        OUTPUT,
-        "Two pixels of the picture, and their places in m east and north of the start: '120,80=0,0 940,80=41.5,0'.",
-        "PX,PY=X,Y PX,PY=X,Y",
+        OUTPUT, "Two of its pixels, and their places in m east and north: '120,80=0,0 940,80=41,0'.", "PX,PY=X,Y ..."
     )
 
 
@@ -465,8 +463,7 @@ class ViewRequest(PageOptions, Request):
 
     walkers: list[str] = argument(
         "NAME=HOST:PORT...",
-        "Name and page of each, anna=10.0.0.5:8642 or a port of this machine; where it began elsewhere than the "
-        "others m east and north of there: anna=8642@12,-3.",
+        "Name and page of each, or its port here; behind @ where its walk began, m east and north: anna=8642@12,-3.",
     )
 
 

@@ -79,16 +79,13 @@ function takeFoot(one, event) {
 
 function takePlan(event) {
   Object.assign(plan, { origin: event.origin_m, right: event.right_m, down: event.down_m });
-  if (plan.image) return;
-  plan.image = Object.assign(new Image(), { src: "plan", onload: () => { Object.assign(plan, { light: tint("none"), dark: tint("invert(1) hue-rotate(180deg)") }); show(); } });
-}
-
-/** A copy of the plan in other colours: a white sheet is too bright in the dark. */
-function tint(filter) {
-  const copy = Object.assign(document.createElement("canvas"), { width: plan.image.naturalWidth, height: plan.image.naturalHeight });
-  const brush = Object.assign(copy.getContext("2d"), { filter });
-  brush.drawImage(plan.image, 0, 0);
-  return copy;
+  plan.image ??= Object.assign(new Image(), { src: "plan", onload() {
+    for (const [scheme, filter] of [["light", "none"], ["dark", "invert(1) hue-rotate(180deg)"]]) {
+      plan[scheme] = new OffscreenCanvas(this.naturalWidth, this.naturalHeight);
+      Object.assign(plan[scheme].getContext("2d"), { filter }).drawImage(this, 0, 0);
+    }
+    show();
+  } });
 }
 
 let noticeTimer = 0;
@@ -366,7 +363,7 @@ function planCorners() {
 }
 
 function drawPlan() {
-  const [from, right, down] = planCorners().map(([east, north]) => project(east, north)), sheet = dark.matches ? plan.dark : plan.light;
+  const [from, right, down] = planCorners().map((corner) => project(...corner)), sheet = dark.matches ? plan.dark : plan.light;
   if (!from) return false;
   pen.save();
   pen.transform((right[0] - from[0]) / sheet.width, (right[1] - from[1]) / sheet.width, (down[0] - from[0]) / sheet.height, (down[1] - from[1]) / sheet.height, ...from);
