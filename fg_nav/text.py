@@ -135,6 +135,14 @@ def _describe_kinds(literal: tuple[Any, ...], kinds: tuple[Any, ...]) -> str:
 # --- sentences and files ---------------------------------------------------------------------------------------------
 
 
+def format_digits(value: float, digits: int = 3, decimals: int = 3) -> str:
+    """Write a number with so many significant digits, and not more than so many decimals; no exponent, no -0."""
+    if not math.isfinite(value):
+        return "-"
+    places = min(digits - 1 - math.floor(math.log10(abs(value) or 1.0)), decimals)
+    return f"{round(value, places):z.{max(places, 0)}f}"
+
+
 def format_count(count: int, thing: str) -> str:
     """Put a count before a thing, and an s behind it if there is not one of it."""
     return f"{count} {thing}" if count == 1 else f"{count} {thing}s"

@@ -233,10 +233,9 @@ class AidOptions:
 
 
 @dataclass(kw_only=True, repr=False, eq=False)
-class ViewOptions:
-    """A page that shows a walk in progress."""
+class PageOptions:
+    """A page that shows walks in progress."""
 
-    view: bool = flag(OUTPUT, "Show the walk on a page, for a browser on this machine.", "--view")
     host: str = option(
         OUTPUT,
         "Address of this machine that shows the page; 0.0.0.0 lets all who reach it see it.",
@@ -244,6 +243,17 @@ class ViewOptions:
         default="127.0.0.1",
     )
     port: int = option(OUTPUT, "Of the page; 0 for a free one.", "PORT", default=8642)
+    plan: Path | None = option(OUTPUT, "Picture under the path, with --plan-points.", "PICTURE")
+    plan_points: str | None = option(
+        OUTPUT, "Two of its pixels, and their places in m east and north: '120,80=0,0 940,80=41,0'.", "PX,PY=X,Y ..."
+    )
+
+
+@dataclass(kw_only=True, repr=False, eq=False)
+class ViewOptions(PageOptions):
+    """A page that is shown on request."""
+
+    view: bool = flag(OUTPUT, "Show the walk on a page, for a browser on this machine.", "--view")
 
 
 @dataclass(kw_only=True, repr=False, eq=False)
@@ -445,6 +455,18 @@ class StreamRequest(SensorOptions, FieldOptions, AidOptions, ViewOptions, PlotOp
     force: bool = flag(OUTPUT, "Replace an older result in the folder, and an older record.", "--force")
 
 
+@dataclass(kw_only=True, repr=False, eq=False)
+class ViewRequest(PageOptions, Request):
+    """Show several walks in progress on one page, each followed from the page of its own `fg-nav stream --view`."""
+
+    verb = "fg_nav.commands.view:view"
+
+    walkers: list[str] = argument(
+        "NAME=HOST:PORT...",
+        "Name and page of each, or its port here; behind @ where its walk began, m east and north: anna=8642@12,-3.",
+    )
+
+
 REQUESTS: tuple[type[Request], ...] = (
     InspectRequest,
     ConvertRequest,
@@ -453,5 +475,6 @@ REQUESTS: tuple[type[Request], ...] = (
     CompareRequest,
     CalibrateRequest,
     StreamRequest,
+    ViewRequest,
 )
 """In the order of the help."""

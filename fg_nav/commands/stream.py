@@ -51,6 +51,7 @@ from fg_nav.solution import Solution
 from fg_nav.system.processes import catch_signals
 from fg_nav.verdict import Verdict, Word, judge_path
 from fg_nav.view.outlets import Outlets, open_outlets
+from fg_nav.view.plan import Plan
 from fg_nav.walk import Options, Walk, evaluate_solution
 
 MIN_LAG_S = 10.0  # a shorter lag holds fewer strides than the smoother needs to estimate sensor and foot
@@ -67,7 +68,8 @@ def stream(request: StreamRequest) -> Answer:
     out = request.out
     target = Target(out, request.force and (out is not None or request.record is None), "stream")
     view, printer = (request.host, request.port) if request.view else None, LinePrinter()
-    with target, open_outlets(request.serve, view, printer if prints else drop_line, remark) as outlets:
+    plan = Plan.read(request.plan, request.plan_points, request.view)
+    with target, open_outlets(request.serve, view, printer if prints else drop_line, remark, plan) as outlets:
         walk = run_stream(request, outlets)
         if out is None and outlets.emit_end is None and prints:  # they were served: that is all
             return Answer({}, say_nothing)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +27,7 @@ from fg_nav.lab import palette
 from fg_nav.lab.field_survey import SAMPLEWISE, WINDOW_S, FieldSurvey, SampleSurvey
 from fg_nav.magnetic.detectors import OverThreshold
 from fg_nav.report import charts
-from fg_nav.report.charts import BLUE, GRAY, OCHRE, AlignedSolution, Panel, Trace, dots, level, signal
+from fg_nav.report.charts import BLUE, GRAY, OCHRE, AlignedSolution, Panel, Trace, dots, level, line, signal
 from fg_nav.report.plots import style
 from fg_nav.report.series import COMPASS_AXIS, MIN_SPAN_DEG, MIN_SPAN_UT, find_log_limits, find_range
 from fg_nav.truth import FootprintTruth, TrajectoryTruth
@@ -155,9 +156,9 @@ def _draw(axes: Axes, curve: AllanCurve, fit: NoiseFit, factor: float) -> None:
     axes.margins(x=0.02)
     names = ("N white noise", "B flicker", "K random walk")
     parts, colours = (fit.white, fit.flicker, fit.walk), (palette.VERMILION, palette.GREEN, palette.PURPLE)
-    for name, part, line, colour in zip(names, parts, fit.laws_at(tau), colours, strict=True):
+    for name, part, law, colour in zip(names, parts, fit.laws_at(tau), colours, strict=True):
         if part.seen:
-            axes.plot(tau, factor * line, "--", color=colour, linewidth=1.1, label=name, zorder=1)
+            axes.plot(tau, factor * law, "--", color=colour, linewidth=1.1, label=name, zorder=1)
 
 
 # --- the field along a walk ------------------------------------------------------------------------------------------
@@ -204,11 +205,18 @@ def plot_field(survey: FieldSurvey) -> Figure:
     reach_deg = next((angle for angle in (10.0, 20.0, 30.0, 60.0, 90.0) if largest <= angle), 180.0)
     ticks = {"range": [-1.05 * reach_deg, 1.05 * reach_deg], "tickvals": [reach_deg * k / 2 for k in range(-2, 3)]}
     panels.append(Panel("difference (deg)", differences, ticks, share=1.2))
-    panels.append(_draw_lanes(field.t, survey.verdicts))
+    # statistics over their thresholds, and the verdicts
+    found = [(name, one.statistic) for name, one in survey.verdicts.items() if one.judged.any()]
+    limits = find_log_limits(np.concatenate([statistic for _, statistic in found])) if found else (0.1, 10.0)
+    statistics = [line(t, one, color, name, width=1) for (name, one), color in zip(found, cycle(charts.CYCLE))]
+    statistics.append(level(t, 1.0, style.INK, "threshold"))
+    panels.append(Panel("statistic / threshold", statistics, {"type": "log", "range": [*np.log10(limits)]}, share=1.2))
+    panels.append(_draw_lanes(t, survey.verdicts))
     north = "magnetic north" if earth is None else f"north, declination {np.degrees(survey.declination):+.1f} deg"
     caption = (
         f"Heading of the sensor's x axis, clockwise from {north}; difference of compass less gyroscope, about their "
-        f"mean of {offset_deg:+.0f} deg. Below, the verdicts, and the share of all footfalls that pass."
+        f"mean of {offset_deg:+.0f} deg. Below, the statistics, which pass below 1, the verdicts, and the share of all "
+        "footfalls that pass."
     )
     return style.render_matplotlib(charts.stack("field", panels, caption), title="Field at the footfalls")
 

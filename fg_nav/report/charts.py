@@ -68,8 +68,8 @@ _HOW_TO = "Drag to zoom, double-click for all of it; a touch on the legend hides
 
 _HOVER = (
     "footfall %{customdata[0]}, t %{customdata[1]:.2f} s<br>"
-    "{x} %{x:.2f} ± %{customdata[2]:.3f} m<br>{y} %{y:.2f} ± %{customdata[3]:.3f} m<br>"
-    "up %{customdata[4]:.2f} ± %{customdata[5]:.3f} m<br>heading %{customdata[6]:.1f} ± %{customdata[7]:.1f}°<br>"
+    "{x} %{x:.3r} ± %{customdata[2]:.2r} m<br>{y} %{y:.3r} ± %{customdata[3]:.2r} m<br>"
+    "up %{customdata[4]:.2f} ± %{customdata[5]:.2r} m<br>heading %{customdata[6]:.1f} ± %{customdata[7]:.1f}°<br>"
     "field %{customdata[8]}<extra>{name}</extra>"
 )
 

@@ -5,12 +5,14 @@ In a pipe all is plain text, lines unbroken.
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 from rich import box
 from rich.console import Console
@@ -19,34 +21,45 @@ from rich.table import Table
 from rich.text import Text
 
 from fg_nav.report import REPORT
-from fg_nav.text import format_count
+from fg_nav.text import format_count, format_digits
 
-FIGURES = (
-    ("distance_m", "distance (m)", "{:.2f}"),
-    ("distance_sigma_m", "its sigma (m)", "{:.2f}"),
-    ("strides", "strides", "{:d}"),
-    ("strides_true", "strides in truth", "{:d}"),
-    ("closure_m", "start to end (m)", "{:.3f}"),
-    ("closure_percent", "start to end (%)", "{:.2f}"),
-    ("rmse_2d_m", "rmse 2-D (m)", "{:.3f}"),
-    ("rmse_3d_m", "rmse 3-D (m)", "{:.3f}"),
-    ("end_error_m", "end error (m)", "{:.3f}"),
-    ("max_error_m", "max error (m)", "{:.3f}"),
-    ("moment_rmse_2d_m", "rmse 2-D at the moment (m)", "{:.3f}"),
-    ("moment_end_error_m", "end error at the moment (m)", "{:.3f}"),
-    ("polished_rmse_2d_m", "rmse 2-D in batch (m)", "{:.3f}"),
-    ("polished_closure_m", "start to end in batch (m)", "{:.3f}"),
-    ("polish_gap_rms_m", "apart from batch, rms (m)", "{:.3f}"),
-    ("polish_gap_max_m", "apart from batch, most (m)", "{:.3f}"),
-    ("polish_gap_heading_deg", "apart from batch (deg)", "{:.2f}"),
-    ("heading_rmse_deg", "heading rmse (deg)", "{:.2f}"),
-    ("scale", "best-fit scale", "{:.4f}"),
-    ("alignment", "alignment", "{}"),
-    ("magnetometer", "magnetometer", "{}"),
-    ("runtime_s", "runtime (s)", "{:.2f}"),
-    ("realtime_factor", "times real time", "{:.0f}"),
+format_sigma = partial(format_digits, digits=2)
+
+FIGURES: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
+    ("distance_m", "distance (m)", format_digits),
+    ("distance_sigma_m", "its sigma (m)", format_sigma),
+    ("strides", "strides", str),
+    ("strides_true", "strides in truth", str),
+    ("closure_m", "start to end (m)", format_digits),
+    ("closure_percent", "start to end (%)", format_digits),
+    ("rmse_2d_m", "rmse 2-D (m)", format_digits),
+    ("rmse_3d_m", "rmse 3-D (m)", format_digits),
+    ("end_error_m", "end error (m)", format_digits),
+    ("max_error_m", "max error (m)", format_digits),
+    ("moment_rmse_2d_m", "rmse 2-D at the moment (m)", format_digits),
+    ("moment_end_error_m", "end error at the moment (m)", format_digits),
+    ("polished_rmse_2d_m", "rmse 2-D in batch (m)", format_digits),
+    ("polished_closure_m", "start to end in batch (m)", format_digits),
+    ("polish_gap_rms_m", "apart from batch, rms (m)", format_digits),
+    ("polish_gap_max_m", "apart from batch, most (m)", format_digits),
+    ("polish_gap_heading_deg", "apart from batch (deg)", format_digits),
+    ("heading_rmse_deg", "heading rmse (deg)", format_digits),
+    ("scale", "best-fit scale", "{:.4f}".format),
+    ("alignment", "alignment", str),
+    ("magnetometer", "magnetometer", str),
+    ("runtime_s", "runtime (s)", format_digits),
+    ("realtime_factor", "times real time", "{:.0f}".format),
 )
 """Key of the summary, words, and format of every row of a result table."""
+
+LOOP_PERCENT = 5.0  # Recorded: 117 of 155 walks end as near, loops that drifted within 8, other walks from 16 % on.
+KNOW = "What you should know"
+SOLVING = re.compile(
+    "gyro bias|sensor (at|taken)|swing noise|solved in|[0-9]+ level floor|field over ground|it deviates|hard iron left"
+    "|line integral|gyroscope's scale|barometer in|[0-9]+ % of .* directions|estimates of|magnetometer corrected"
+    "|corrected by|its lines are|preset|clipped peaks|step constant|[0-9]+ steps of both legs|[0-9]+ returns? to where"
+)
+"""Openings of the notes that say how a walk was solved; all others are what its user should know."""
 
 
 @dataclass(frozen=True)
@@ -59,14 +72,19 @@ class Cell:
 
 
 def tabulate_figures(summaries: Sequence[Mapping[str, object]]) -> list[tuple[str, list[Cell]]]:
-    """Rows of the figures that at least one of the columns has."""
+    """Rows of the figures that at least one of the columns has; from start to end of a loop only."""
     rows = []
-    for key, words, pattern in FIGURES:
+    for key, words, write in FIGURES:
         values = [summary.get(key) for summary in summaries]
-        if any(value is not None for value in values):
-            cells = [Cell(key, "-" if value is None else pattern.format(value), value) for value in values]
-            rows.append((words, cells))
+        if any(value is not None for value in values) and ("closure" not in key or is_loop(summaries)):
+            rows.append((words, [Cell(key, "-" if value is None else write(value), value) for value in values]))
     return rows
+
+
+def is_loop(summaries: Sequence[Mapping[str, object]]) -> bool:
+    """Whether a walk ends where it began, by one method at least: only there is that distance an error."""
+    known = [cast("float | None", summary.get("closure_percent")) for summary in summaries]
+    return any(percent is not None and percent <= LOOP_PERCENT for percent in known)
 
 
 def collect_notes(summaries: Sequence[Mapping[str, object]]) -> list[tuple[str, str]]:
@@ -74,11 +92,14 @@ def collect_notes(summaries: Sequence[Mapping[str, object]]) -> list[tuple[str, 
     by_method = {str(summary["method"]): cast("list[str]", summary["notes"]) for summary in summaries}
     shared = [note for note in next(iter(by_method.values())) if all(note in notes for notes in by_method.values())]
     own = [(name, note) for name, notes in by_method.items() for note in notes if note not in shared]
-    for summary in summaries:
-        if counts := cast("dict[str, int] | None", summary.get("graph")):
-            words = ", ".join(f"{count} {kind.replace('_', ' ')}" for kind, count in counts.items())
-            own.append((str(summary["method"]), f"graph: {words}"))
     return [("", note) for note in shared] + own
+
+
+def group_notes(notes: Sequence[tuple[str, str]]) -> dict[str, list[tuple[str, str]]]:
+    """Group notes, each with its method, by title, without empty groups."""
+    how = [one for one in notes if SOLVING.match(one[1])]
+    groups = {KNOW: [one for one in notes if one not in how], "How it was solved": how}
+    return {title: found for title, found in groups.items() if found}
 
 
 _hushed = False  # Whether only errors are printed (`hush`); of the process, as its threads print too.
@@ -124,19 +145,20 @@ def print_results(summaries: Sequence[Mapping[str, object]], place: Path) -> Non
     if not several:
         for line in _describe_result(summaries[0]):
             out.print(line, soft_wrap=True)
-    out.print(describe_place(place, len(collect_notes(summaries))), soft_wrap=True)
+    remarks = group_notes(collect_notes(summaries)).get(KNOW, [])
+    out.print(describe_place(place, len(remarks)), soft_wrap=True)
 
 
 def _describe_result(summary: Mapping[str, object]) -> list[str]:
     """Distance, end and, where known, error of one method, and the coupling of the feet, a line each."""
-    known = {key: pattern.format(summary[key]) for key, _, pattern in FIGURES if summary.get(key) is not None}
+    known = {key: write(summary[key]) for key, _, write in FIGURES if summary.get(key) is not None}
     sigma = f", sigma {known['distance_sigma_m']} m" if "distance_sigma_m" in known else ""
     strides = format_count(cast("int", summary["strides"]), "stride")
-    percent = f" ({known['closure_percent']} % of the distance)" if "closure_percent" in known else ""
-    end = f"end: {known['closure_m']} m from the start{percent}, at {_format_place(summary['end_m'])}"
+    closure = f"{known.get('closure_m')} m from the start ({known.get('closure_percent')} % of the distance), at "
+    end = f"end: {closure if is_loop([summary]) else ''}{_format_place(summary['end_m'], 3)}"
     lines = [
         f"distance: {known['distance_m']} m{sigma}, in {strides}",
-        f"{end}, sigma {_format_place(summary['end_sigma_m'])}",
+        f"{end}, sigma {_format_place(summary['end_sigma_m'], 2)}",
     ]
     if "rmse_2d_m" in known:
         error = f"error: {known['rmse_2d_m']} m rms horizontally, {known['end_error_m']} m at the end"
@@ -155,10 +177,11 @@ def _describe_result(summary: Mapping[str, object]) -> list[str]:
     return [*lines, f"feet: {sides}, {how}; {coupled}"]
 
 
-def _format_place(values: object) -> str:
-    """Format x, y, z (m); a dash for an unknown sigma."""
+def _format_place(values: object, digits: int) -> str:
+    """Format x, y, z (m) with so many significant digits, to the centimetre; a dash for an unknown sigma."""
     named = zip("xyz", cast("list[float | None]", values), strict=True)
-    return ", ".join(f"{axis} {'-' if value is None else f'{value:z.2f}'}" for axis, value in named) + " m"
+    words = (f"{axis} {'-' if value is None else format_digits(value, digits, decimals=2)}" for axis, value in named)
+    return f"{', '.join(words)} m"
 
 
 def describe_place(place: Path, remarks: int = 0) -> str:

@@ -6,9 +6,10 @@ record, by value, or not. Where it begins again all is left out up to the last `
 a gap of it, lost before, are too late. If those last rows never come, `LOST` rows that the record does not hold, and
 that are not from the gap behind the last one that it holds, are taken for new; at the end as many as there are.
 
-Lost. A sensor samples evenly: within a window of `WINDOW` rows the median step between stamps is its period T, and a
-step of k T, k = 2, 3, ..., lacks k - 1 samples; of stamps that jitter, one of more than `GAP_PERIODS` periods. Longer
-steps than `MAX_STEP_S` are gaps. If T is another in `IN_A_ROW` windows, the sensor's rate has changed.
+Lost. A sensor samples evenly: the clock behind the stamps (`samples.stamps.fit_clock`) numbers its ticks, and a number
+that no row has is of a lost sample. A row that is stamped late, the next ones close behind it, is none.
+Longer steps than `MAX_STEP_S` are gaps; where most ticks had no row, the stamps show no clock. If the median step is
+another in `IN_A_ROW` windows of `WINDOW` rows, the sensor's rate has changed.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 from fg_nav.arrays import Floats, Ints
 from fg_nav.samples.plausibility import find_stamp_problem, median_period_s
 from fg_nav.samples.readings import COLUMNS
-from fg_nav.samples.stamps import GAP_PERIODS
+from fg_nav.samples.stamps import MIN_CLOCKED, fit_clock
 from fg_nav.text import format_count
 
 HEAD = 16  # rows that show how a source goes on; so many wait until the last of them is there
@@ -32,8 +33,8 @@ LOST = 100  # rows in a row, about a second
 UNKNOWN = -1  # in place of a row's number
 HASH = np.random.default_rng(0).integers(1 << 62, 1 << 63, COLUMNS, dtype=np.uint64) * np.uint64(2) + np.uint64(1)
 WINDOW, IN_A_ROW = 200, 3  # rows, most of whose steps are one period unless every third is lost; windows that agree
+AROUND = 60  # rows on either side of a window that show whether one at its edge came late
 MAX_STEP_S = 1.0  # from row to row; a longer step is a sensor that was off, or a clock that was set
-EVEN, MAX_UNEVEN = 0.25, 0.1  # deviation of even steps from whole periods, in periods; share of others that may be
 ANOTHER = 1.2  # times longer or shorter is a period of another rate
 
 
@@ -122,39 +123,39 @@ class LossCounter:
     def __init__(self, remark: Callable[[str], None]) -> None:
         self.samples = self.came = 0
         self._remark = remark
-        self._window = np.empty(0)
+        self._window, self._first = np.empty(0), 0  # Stamps, and the first of them that is not counted.
         self._period_s, self._others = np.nan, 0
 
     def push(self, t: Floats) -> None:
         """Count by the stamps (n,) s of rows as they were sent; NaN is ignored."""
         self.came += len(t)
         self._window = np.concatenate([self._window, t[np.isfinite(t)]])
-        while len(self._window) > WINDOW:
-            self._count(self._window[: WINDOW + 1])
-            self._check_rate(self._window[: WINDOW + 1])
-            self._window = self._window[WINDOW:]
+        while len(self._window) > self._first + WINDOW + AROUND:
+            self._count(self._first + WINDOW)
+            self._check_rate(self._window[self._first : self._first + WINDOW + 1])
+            self._window, self._first = self._window[self._first + WINDOW - AROUND :], AROUND
 
     def finish(self) -> None:
         """Count, at the end, the rows of a window that is not full."""
-        self._count(self._window)
-        self._window = self._window[-1:]
+        self._count(len(self._window) - 1)
+        self._window, self._first = self._window[-1:], 0
 
-    def _count(self, t: Floats) -> None:
-        """Count the samples that are missing between stamps (n,) s of a sensor that samples evenly."""
-        step = np.diff(t)
-        forward = (step > 0.0) & (step <= MAX_STEP_S)
-        if not forward.any():
-            return
-        period = float(np.median(step[forward]))
-        periods = np.where(forward, step, period) / period
-        is_even = np.mean(np.abs(periods - np.rint(periods)) > EVEN) < MAX_UNEVEN
-        missing = np.where(periods > (1.5 if is_even else GAP_PERIODS), np.rint(periods) - 1.0, 0.0).astype(np.int64)
+    def _count(self, last: int) -> None:
+        """Count the samples that are missing behind the rows from the first that is not counted to before `last`."""
+        t = self._window
+        missing, step = np.zeros(len(t), dtype=np.int64), np.diff(t)
+        edges = np.flatnonzero((step <= 0.0) | (step > MAX_STEP_S)) + 1
+        for rows in np.split(np.arange(len(t)), edges):
+            if len(rows) >= MIN_CLOCKED:
+                between = np.diff(fit_clock(t[rows]).tick) - 1
+                missing[rows[:-1]] = between * (between.sum() < len(rows))
+        missing = missing[self._first : last]
         lost = int(missing.sum())
         if lost and not self.samples:
             first = int(np.argmax(missing > 0))
             self._remark(
                 f"samples are lost on the way here, by the stamps: the first {missing[first]} before "
-                f"t = {t[first + 1]:.3f} s."
+                f"t = {t[self._first + first + 1]:.3f} s."
             )
         self.samples += lost
 

@@ -67,6 +67,8 @@ from fg_nav.solution import Return, Solution, StanceTable
 from fg_nav.text import format_count
 from fg_nav.truth import Fix
 
+USUAL_STEPS = 5  # Of the last solve; more are worth a remark.
+
 
 @dataclass(frozen=True)
 class InProgress:
@@ -403,12 +405,12 @@ def to_solution(
         table = replace(table, differential_sigma=sigma)
     path_variance = joint.combine(weigh_path(table.position)[:, :, None])[0]
     # Notes.
-    steps = f"solved in {format_count(solved.steps, 'Gauss-Newton step')}"
+    steps = [f"solved in {solved.steps} Gauss-Newton steps"] if solved.steps > USUAL_STEPS else []
     floors = list[str]()
     if problem.floor is not None and problem.floor.max(initial=-1) >= 0:
         count, on = format_count(int(problem.floor.max()) + 1, "level floor"), int(np.count_nonzero(problem.floor >= 0))
         floors.append(f"{count} with {on} of {format_count(len(problem.floor), 'footfall')}")
-    notes = (*problem.known.notes, steps, *floors, *write_note(differential), *verdict.notes)
+    notes = (*problem.known.notes, *steps, *floors, *write_note(differential), *verdict.notes)
     # The path at the recording's rate.
     position, velocity, nav_R_body = trajectory_of(recording, problem.nodes, solved.values, p.gravity)
     tails = freeze_ends(recording.t, stances, position, velocity)

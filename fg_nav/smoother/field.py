@@ -156,15 +156,17 @@ def solve_with_field(problem: WalkProblem, field: FootfallField, path: FieldPath
     assert states is not None
     # Notes.
     east, north = np.median(states[:, E_H], axis=0)
-    forward, left, up = states[-1, IRON]
+    turned_deg = np.degrees(np.arctan2(east, north))
+    turned = f", {turned_deg:+.1f} deg from north" if abs(turned_deg) >= 0.05 else ""
+    iron = ", ".join(f"{one:z.1f}" for one in states[-1, IRON])
     rough, sigma_uT = factors.rough, factors.readings.sigma_uT
     used, count = int(np.isfinite(sigma_uT).sum()), len(sigma_uT)
     notes = (
-        f"field over ground {np.hypot(east, north):.1f} uT, {np.degrees(np.arctan2(east, north)):+.1f} deg from north; "
-        f"the compass of {used} of {count} footfalls weighs (gate {verdicts.detector})",
+        f"field over ground {np.hypot(east, north):.1f} uT{turned}; the compass of {used} of {count} footfalls weighs "
+        f"(gate {verdicts.detector})",
         f"it deviates by {rough.white_uT:.1f} uT from stride to stride, {_write(rough.across, 'uT')}, by region "
         f"{_write(rough.regional, 'uT')}, its potential by {_write(rough.potential, 'uT m')}",
-        f"hard iron left in the stance's axes: {forward:.1f}, {left:.1f}, {up:.1f} uT",
+        f"hard iron left in the stance's axes: {iron} uT",
         *noise_notes,
         *describe_jumps(problem, solved),
     )

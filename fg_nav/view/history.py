@@ -2,7 +2,7 @@
 
 `History.add` takes the lines of a stream (`fg_nav.online.estimates`). A row is t (s), east, north, up (m):
 
-    now         append a row, and add the distance to it
+    now         append a row, or put it in place of the one that a revision brought of its footfall
     turned      turn all rows about the origin, clockwise
     retracted   remove the row of that line
     revised     move rows by the revised path's difference at their times, linear in time between its points
@@ -39,16 +39,17 @@ Row = tuple[float, float, float, float]
 class History:
     """The path of one sensor, or of a person.
 
-    `distance_m` is that over the ground, summed from row to row as they came; `last` the newest line `now`; `frame`
-    that of the lines, empty where they name none.
+    `last` is the newest line `now`, `frame` that of the lines, empty where they name none, `stepped_s` the time of the
+    newest footfall that began a stance.
     """
 
     def __init__(self) -> None:
-        self.distance_m, self.frame = 0.0, ""
+        self.frame, self.stepped_s = "", np.inf
         self.last: dict[str, Any] | None = None
         self._rows: list[Row] = []
         self._stamps: dict[int, float] = {}  # of the newest lines, by number
         self._stands = True
+        self._thinned_m = 0.0  # By which rows that were dropped made the path longer.
         self._at_end = ""
         self._replaced: list[Row] = []
 
@@ -58,12 +59,12 @@ class History:
         if kind == "now":
             self.last, row = dict(event), (event["t"], *event["position_m"])
             self._stands = bool(event["continues"])
+            self.stepped_s = self.stepped_s if self._stands else event["t"]
             self._stamps[event["stance"]] = event["t"]
             self._stamps.pop(event["stance"] - MAX_ROWS, None)
-            if self._rows:
-                self.distance_m += float(np.hypot(row[1] - self._rows[-1][1], row[2] - self._rows[-1][2]))
-            self._rows.append(row)
-            return self._thin()
+            is_known = bool(self._rows) and abs(self._rows[-1][0] - row[0]) <= SAME_S
+            self._rows[len(self._rows) - is_known :] = [row]
+            return self._thin() or is_known
         if kind == "turned":
             self._rows = [turn_row(row, event["angle_deg"]) for row in self._rows]
             if self.last is not None:
@@ -76,12 +77,17 @@ class History:
         elif kind in ("smoothed", "polished"):
             # the first of its kind begins the path again
             if kind != self._at_end:
-                self._at_end, self._replaced, self._rows = kind, self._rows, []
+                self._at_end, self._replaced, self._rows, self._thinned_m = kind, self._rows, [], 0.0
             self._rows.append((event["t"], *event["position_m"]))
             self._thin()
         else:
             return False
         return True
+
+    @property
+    def distance_m(self) -> float:
+        """Length of the path over the ground."""
+        return self._thinned_m + measure_length(np.array(self._list_shown()).reshape(-1, 4))
 
     def speed_m_s(self, t: float) -> float:
         """Speed of the last stride at a time; 0 where the person stands."""
@@ -92,9 +98,12 @@ class History:
 
     def rows(self) -> list[list[float]]:
         """Return the path: t, east, north, up; to the millimetre and the millisecond."""
+        return [[round(value, MILLIMETRES) for value in row] for row in self._list_shown()]
+
+    def _list_shown(self) -> list[Row]:
+        """Return the rows, and behind the final ones those of the moment."""
         last = self._rows[-1][0] if self._rows else -np.inf
-        shown = self._rows + [row for row in self._replaced if row[0] > last]
-        return [[round(value, MILLIMETRES) for value in row] for row in shown]
+        return self._rows + [row for row in self._replaced if row[0] > last]
 
     def _revise(self, revised: Floats) -> None:
         """Shift the rows onto the revised path (R, 4), linear in time, constant beyond its ends; add its new rows."""
@@ -123,7 +132,9 @@ class History:
             to, on = at - before, behind - before
             area = np.abs(to[:, 0] * on[:, 1] - to[:, 1] * on[:, 0])
             dropped = candidates[area <= np.median(area)]
-            self._rows = [tuple(row) for row in np.delete(rows, dropped, axis=0).tolist()]
+            kept = np.delete(rows, dropped, axis=0)
+            self._thinned_m += measure_length(rows) - measure_length(kept)
+            self._rows = [tuple(row) for row in kept.tolist()]
         return is_full
 
 
@@ -160,6 +171,11 @@ class Walkers:
 
     def _find_main(self) -> str:
         return next((name for name in ORDER if name in self._known and self._known[name].last is not None), "")
+
+
+def measure_length(rows: Floats) -> float:
+    """Length (m) over the ground of rows (R, 4)."""
+    return float(np.hypot(*np.diff(rows[:, 1:3], axis=0).T).sum())
 
 
 def turn_row(row: Row, angle_deg: float) -> Row:

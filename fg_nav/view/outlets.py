@@ -25,6 +25,7 @@ from typing import IO, Any
 from fg_nav.errors import StreamError, describe_reason
 from fg_nav.system.processes import start_module
 from fg_nav.text import to_json
+from fg_nav.view.plan import Plan
 
 Say = Callable[[str], None]  # Called with a line, or a sentence for people.
 
@@ -48,10 +49,13 @@ class Outlets:
 
 
 @contextmanager
-def open_outlets(serve: int | None, view: tuple[str, int] | None, print_line: Say, remark: Say) -> Iterator[Outlets]:
+def open_outlets(
+    serve: int | None, view: tuple[str, int] | None, print_line: Say, remark: Say, plan: Plan | None = None
+) -> Iterator[Outlets]:
     """Serve the lines, which are then not printed, on a port, and the page on host and port; None for neither.
 
-    Lines go to `print_line`, sentences for people to `remark`. Raises `StreamError` if a port cannot be served.
+    The page draws on the `plan`. Lines go to `print_line`, sentences for people to `remark`. Raises `StreamError` if a
+    port cannot be served.
     """
     with ExitStack() as opened:
         lines = None if serve is None else opened.enter_context(open_port(HOST, serve, "--serve"))
@@ -59,14 +63,14 @@ def open_outlets(serve: int | None, view: tuple[str, int] | None, print_line: Sa
         if lines is not None:
             remark(f"lines are served on {HOST}:{lines.getsockname()[1]}.")
         if page is not None and view is not None:
-            reach = "for all who reach this machine: there is no password, and no encryption"
-            reach = "for this machine alone" if is_loopback(view[0]) else reach
-            remark(f"the walk is shown on {format_address(view[0], page.getsockname()[1])} ({reach}).")
+            remark(f"the walk is shown on {describe_page(view[0], page)}.")
         if lines is None and page is None:
             yield Outlets(print_line, print_line, remark)
             return
         host = HOST if view is None else view[0]
         listeners = opened.enter_context(closing(ListenerProcess(lines, page, host, remark)))
+        if plan is not None:
+            listeners.show_plan(plan)
         emit = listeners.send_line if lines is not None else _both(print_line, listeners.send)
         if page is None:
             yield Outlets(emit, None, remark)
@@ -100,6 +104,13 @@ def format_address(host: str, port: int) -> str:
     """Return the address of a page for a browser of this machine."""
     host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
     return f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
+
+
+def describe_page(host: str, door: socket.socket) -> str:
+    """Return the address of a page, and who reaches it, in words."""
+    reach = "for all who reach this machine: there is no password, and no encryption"
+    reach = "for this machine alone" if is_loopback(host) else reach
+    return f"{format_address(host, door.getsockname()[1])} ({reach})"
 
 
 def is_loopback(host: str) -> bool:
@@ -150,6 +161,10 @@ class ListenerProcess:
     def send(self, line: str) -> None:
         """Send a line to the page alone."""
         self._put("send", line)
+
+    def show_plan(self, plan: Plan) -> None:
+        """Draw a plan under the path."""
+        self._put("show_plan", [str(plan.path.resolve()), plan.type, plan.describe()])
 
     def send_status(self, status: dict[str, Any]) -> None:
         """Send the state between footfalls."""

@@ -29,6 +29,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from http import HTTPStatus
 from importlib import resources
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -132,6 +133,8 @@ class _Viewer:
 class PageServer:
     """Serves the page to the clients of a listening socket, from an asyncio loop; `host` is its name for the user."""
 
+    n_walks = 1
+
     def __init__(self, host: str) -> None:
         self.host = host
         folder = resources.files("fg_nav.view").joinpath("page")
@@ -140,6 +143,7 @@ class PageServer:
         self._status: dict[str, Any] | None = None
         self._remarks: deque[dict[str, Any]] = deque(maxlen=MAX_REMARKS)
         self._viewers: set[_Viewer] = set()
+        self._plan = list[str]()  # The message on a plan, where there is one.
         self._redraws: asyncio.TimerHandle | None = None
 
     @property
@@ -168,6 +172,12 @@ class PageServer:
         self._server.close()
         await self._server.wait_closed()
 
+    def show_plan(self, plan: Sequence[Any]) -> None:
+        """Serve a plan: its file, media type, and the message on how it lies (`fg_nav.view.plan`)."""
+        path, kind, message = plan
+        self._files["/plan"] = Path(path).read_bytes(), kind
+        self._plan = [json.dumps(message)]
+
     def send(self, line: str) -> None:
         """Follow a line of the stream, and send it; where it changed the past, the history follows."""
         event = json.loads(line)
@@ -181,8 +191,9 @@ class PageServer:
 
     def send_status(self, status: dict[str, Any]) -> None:
         """Send the state between footfalls."""
-        history = self._walkers.main
-        known = {"distance_m": history.distance_m, "speed_m_s": history.speed_m_s(status["t"] or 0.0)}
+        history, t = self._walkers.main, status["t"] or 0.0
+        known = {"distance_m": history.distance_m, "speed_m_s": history.speed_m_s(t)}
+        known["standing_s"] = max(t - history.stepped_s, 0.0) if status["standing"] else 0.0
         self._status = {"kind": "status", **status, **{name: round(value, 3) for name, value in known.items()}}
         self._send_to(self._viewers, json.dumps(to_json(self._status), allow_nan=False))
 
@@ -194,7 +205,7 @@ class PageServer:
     async def _follow(self, connection: ServerConnection) -> None:
         """Serve one page until it closes, or sends something."""
         viewer = _Viewer(connection)
-        self._send_to([viewer], self._describe())
+        self._send_to([viewer], *self._plan, *self._describe())
         self._viewers.add(viewer)
         try:
             await connection.recv()
@@ -239,25 +250,25 @@ class PageServer:
 
     def _redraw(self) -> None:
         self._redraws = None
-        self._send_to(self._viewers, self._describe())
+        self._send_to(self._viewers, *self._describe())
 
-    def _describe(self) -> str:
-        """Return the message `history`."""
+    def _describe(self) -> list[str]:
+        """Return the messages that show all that is known: `history`."""
         shown, remarks = self._walkers.describe(), list(self._remarks)
         content = {"kind": "history", **shown, "status": self._status, "remarks": remarks}
-        return json.dumps(to_json(content), allow_nan=False)
+        return [json.dumps(to_json(content), allow_nan=False)]
 
-    def _send_to(self, viewers: Sequence[_Viewer] | set[_Viewer], message: str) -> None:
+    def _send_to(self, viewers: Sequence[_Viewer] | set[_Viewer], *messages: str) -> None:
         """Send to those that keep up; those that have caught up get the history instead."""
         late = [viewer for viewer in viewers if viewer.behind and viewer.waiting == 0]
         ready = [viewer for viewer in viewers if not viewer.behind]
-        for group, words in ((ready, message), (late, self._describe() if late else "")):
-            frame = Frame(Opcode.TEXT, words.encode()).serialize(mask=False)  # the same for each
+        for group, told in ((ready, messages), (late, self._describe() if late else ())):
+            frames = b"".join(Frame(Opcode.TEXT, one.encode()).serialize(mask=False) for one in told)  # alike for each
             for viewer in group:
                 if viewer.connection.state is State.OPEN:
-                    viewer.connection.transport.write(frame)
+                    viewer.connection.transport.write(frames)
         for viewer in ready:
-            viewer.behind = viewer.waiting > MAX_WAITING
+            viewer.behind = viewer.waiting > MAX_WAITING * self.n_walks
         for viewer in late:
             viewer.behind = False
 

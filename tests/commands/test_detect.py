@@ -124,7 +124,7 @@ def test_what_passes_the_gate_is_what_the_graph_has_and_what_all_files_say(
     rows = (verdicts == "quasi-static").sum(), len(verdicts)
     # while a walk goes on, each piece of a long standing is a footfall of the graph, and one row
     assert counted == rows if method == "smoother" else np.greater_equal(counted, rows).all()
-    assert f"{graph['imu']} imu" in Path("out/report.html").read_text()
+    assert f"inertial {graph['imu']}," in Path("out/report.html").read_text()
 
 
 # --- noise -----------------------------------------------------------------------------------------------------------

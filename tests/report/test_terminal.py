@@ -9,6 +9,7 @@ import pytest
 from fg_nav.report import terminal
 from fg_nav.report.files import summarize
 from fg_nav.report.terminal import collect_notes
+from fg_nav.text import format_digits
 from fg_nav.walk import Walk
 from tests.report import walks
 
@@ -32,6 +33,38 @@ def test_table_has_a_column_for_each_method(walk: Walk, capsys: pytest.CaptureFi
     assert "start to end (m)" in "\n".join(lines)
 
 
+def test_start_to_end_is_told_of_a_loop_only(walk: Walk, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    summary = summarize(walk, walks.outcome(walk))
+    for percent, is_told in ((4.9, True), (5.1, False), (None, False)):
+        one = {**summary, "closure_percent": percent}
+        terminal.print_results([one], tmp_path)
+        assert ("m from the start" in capsys.readouterr().out) == is_told
+        assert any(words.startswith("start to end") for words, _ in terminal.tabulate_figures([one])) == is_told
+        assert terminal.is_loop([one, {**summary, "closure_percent": 2.0}])
+
+
+def test_remarks_are_what_to_know_and_how_it_was_solved() -> None:
+    how = [
+        "gyro bias from the walk alone, there is no rest in it",
+        "1 level floor with 3 of 4 footfalls",
+        "preset tuned",
+    ]
+    know = ["no rest at the start: gyro bias unknown to 0.2 deg/s", "16 gaps of more than two samples"]
+    found = terminal.group_notes([("", note) for note in (*how, *know)])
+    assert [[note for _, note in notes] for notes in found.values()] == [know, how]
+    assert list(found) == ["What you should know", "How it was solved"]
+    assert terminal.group_notes([]) == {}
+
+
+def test_numbers_have_three_digits_and_no_exponent() -> None:
+    for value, words in (
+        (347.946, "348"), (-7.0835, "-7.08"), (0.0012, "0.001"), (-0.0, "0.00"), (12345.6, "12300"), (999.7, "1000"),
+        (float("nan"), "-"),
+    ):  # fmt: skip
+        assert format_digits(value) == words
+    assert [terminal.format_sigma(value) for value in (6.113, 0.0197, 53.0)] == ["6.1", "0.020", "53"]
+
+
 def test_notes_say_whose_they_are() -> None:
     several = [{"method": "a", "notes": ["one", "two"]}, {"method": "b", "notes": ["three", "two"]}]
     assert collect_notes(several) == [("", "two"), ("a", "one"), ("b", "three")]
@@ -44,8 +77,8 @@ def test_one_method_is_five_lines(walk: Walk, capsys: pytest.CaptureFixture[str]
     terminal.print_results([summary], tmp_path)
     said = capsys.readouterr().out.splitlines()
     assert [line.partition(":")[0] for line in said] == ["verdict", "distance", "end", "error", "report"]
-    assert said[1] == f"distance: {summary['distance_m']:.2f} m, in {summary['strides']} strides"
-    assert f"{summary['rmse_2d_m']:.3f} m rms" in said[3]
+    assert said[1] == f"distance: {format_digits(summary['distance_m'])} m, in {summary['strides']} strides"
+    assert f"{format_digits(summary['rmse_2d_m'])} m rms" in said[3]
     assert said[4] == f"report: {tmp_path / 'report.html'} (2 remarks in it)"
     bare = walks.without_truth(walk)
     terminal.print_results([summarize(bare, walks.outcome(bare))], tmp_path / "none")

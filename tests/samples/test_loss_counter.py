@@ -36,6 +36,17 @@ def test_a_sample_is_counted_wherever_it_is_missing():
         assert count(np.delete(np.arange(1000) * 0.01, k), 61)[0].samples == 1
 
 
+def test_what_a_logger_stamps_late_is_not_lost():
+    """One row in fifty late by a period, one in a hundred by five, and those behind it close upon it; some are lost."""
+    rng = np.random.default_rng(5)
+    even = np.arange(6000) * 0.005
+    for late_s, share in ((0.006, 0.02), (0.025, 0.01)):
+        t = np.maximum.accumulate(even + np.where(rng.random(6000) < share, late_s, 0.0)) + 1e-6 * np.arange(6000)
+        assert count(t, 61)[0].samples == 0
+        lost = rng.choice(np.arange(1, 5999), 50, replace=False)
+        assert count(np.delete(t, lost), 61)[0].samples == pytest.approx(50, abs=5)
+
+
 def test_nothing_is_lost_of_stamps_of_arrival_of_a_clock_that_restarts_or_of_a_sensor_that_was_off():
     rng = np.random.default_rng(4)
     late = np.sort(np.arange(3000) * 0.005 + rng.uniform(0.0, 0.006, 3000))

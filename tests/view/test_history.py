@@ -52,6 +52,26 @@ def test_a_revised_path_whose_stamps_are_rounded_adds_no_row():
     assert history.speed_m_s(4.1) < 5.0
 
 
+def test_a_footfall_that_a_revision_brought_is_there_once_and_the_distance_is_the_paths():
+    """As of a stream: the path up to the newest footfall with rounded stamps, moved, and then the line of that."""
+    history, lines = History(), [json.loads(line) for line in circle(41)]
+    for k, line in enumerate(lines):
+        line["t"] += 4e-4
+        if k % 4 == 0:
+            path = [[round(one["t"], 3), *(1.1 * np.array(one["position_m"]))] for one in lines[: k + 1]]
+            assert history.add({"kind": "revised", "t": line["t"], "path": path})
+        assert history.add({**line, "position_m": [1.1 * value for value in line["position_m"]]}) == (k % 4 == 0)
+        rows = np.array(history.rows())
+        assert len(rows) == k + 1
+        assert history.distance_m == pytest.approx(np.hypot(*np.diff(rows[:, 1:3], axis=0).T).sum(), abs=0.05)
+    assert history.distance_m == pytest.approx(1.1 * 2 * np.pi * 5.0, rel=0.01)
+
+
+def test_who_stands_stands_since_the_last_step():
+    history = history_of([now(0, 0.0, 0.0), now(1, 1.0, 0.0), *(now(k, 1.0, 0.0, continues=True) for k in (3, 5))])
+    assert history.stepped_s == 1.0
+
+
 def test_the_past_moves_as_the_revised_path_does_and_keeps_its_shape():
     history = history_of(circle(41))
     before = np.array(history.rows())

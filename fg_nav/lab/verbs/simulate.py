@@ -37,6 +37,7 @@ from fg_nav.system.processes import catch_signals
 from fg_nav.text import find_version, format_count, to_json
 from fg_nav.verdict import judge_footfalls
 from fg_nav.view.outlets import open_outlets
+from fg_nav.view.plan import Plan
 from fg_nav.walk import Walk
 
 Simulated = TypeVar("Simulated")
@@ -214,8 +215,9 @@ DEMO_METHODS = ("smoother", "card", "inertial", "ma2018", "iez")
 
 def demo(request: DemoRequest) -> Answer:
     """Simulate four minutes of walking round a floor, and compare the methods on it, or show it while it is walked."""
+    plan = Plan.read(request.plan, request.plan_points, request.view)
     if request.view:
-        _view_demo(request)
+        _view_demo(request, plan)
         raise typer.Exit
     with Target(request.out, request.force, "demo", DEMO_FILES) as target, target.open() as folder:
         simulated = simulate_named(simulate_one, DEMO_SCENARIO, request.seed)
@@ -228,7 +230,7 @@ def demo(request: DemoRequest) -> Answer:
     return answer_comparison(target.place / "recording.csv", summaries, target.place)
 
 
-def _view_demo(request: DemoRequest) -> None:
+def _view_demo(request: DemoRequest, plan: Plan | None) -> None:
     """Show the simulated walk while it is walked, and then until Ctrl-C.
 
     Its samples come as a sensor's would, each when its time has come, through `follow`.
@@ -237,7 +239,7 @@ def _view_demo(request: DemoRequest) -> None:
     if not 0.0 < speed < float("inf"):
         raise StreamError(f"--speed {speed:g} is no factor: give one above zero.")
     with (
-        open_outlets(None, (request.host, request.port), lambda line: None, remark) as outlets,
+        open_outlets(None, (request.host, request.port), lambda line: None, remark, plan) as outlets,
         catch_signals(signal.SIGINT, signal.SIGTERM) as stop,
     ):
         simulated = simulate_named(simulate_one, DEMO_SCENARIO, request.seed).recording

@@ -1,7 +1,7 @@
 """`report.html`: one self-contained page of a result (docs/files.md).
 
-It has the verdict, the figures of merit, sections with sentences and charts, remarks and parameters. Each section is
-always there, and gives the reason where it has no chart.
+It has the verdict, the path, the figures of merit, sections with sentences and charts, remarks and parameters. A
+section without a chart is left out.
 
 plotly.js (its basic bundle, MIT licence, in `LICENSE-plotly.txt`) stands in the page; it is packed in the package, and
 the figures are plain dictionaries, so no other package is needed. A policy in the page forbids every request, and all
@@ -13,7 +13,7 @@ from __future__ import annotations
 import gzip
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import hypot
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -57,10 +57,10 @@ from fg_nav.report.series import (
     draw_strength,
     group_field,
 )
-from fg_nav.report.terminal import FIGURES, Cell, collect_notes, tabulate_figures
+from fg_nav.report.terminal import Cell, collect_notes, format_sigma, group_notes, is_loop, tabulate_figures
 from fg_nav.samples.gaps import find_unrecorded
 from fg_nav.solution import Solution
-from fg_nav.text import find_version, format_count, to_json
+from fg_nav.text import find_version, format_count, format_digits, to_json
 from fg_nav.walk import Outcome, Walk
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ class Page:
     table: Sequence[tuple[str, Sequence[Cell]]]
     table_title: str
     sections: Sequence[Section]
-    remarks: Sequence[tuple[str, str]]
+    remarks: Mapping[str, Sequence[tuple[str, str]]]  # By title, each with its method.
     configs: Mapping[str, Mapping[str, object]]
 
 
@@ -155,8 +155,8 @@ def compose_page(
         columns=list(columns),
         table=tabulate_figures(list(columns.values())),
         table_title="The person and each foot" if both else "Methods side by side" if several else "All figures",
-        sections=_draw_sections(outcomes, walks, both),
-        remarks=collect_notes([{**one, "method": name} for name, one in columns.items()]),
+        sections=[section for section in _draw_sections(outcomes, walks, both) if section.charts],
+        remarks=group_notes(collect_notes([{**one, "method": name} for name, one in columns.items()])),
         configs=configs,
     )
 
@@ -168,18 +168,16 @@ def _choose_highlights(summary: Mapping[str, Any]) -> list[tuple[str, Cell, str]
     end_sigma_m = hypot(*(np.nan if one is None else one for one in summary["end_sigma_m"][:2]))
     cells = "" if width_sigma is None else f"± {width_sigma:.2f} m, {format_count(summary['cells'], 'cell')} of steps"
     shown = [
-        ("distance_m", "distance", strides if sigma is None else f"± {sigma:.2f} m, {strides}"),
-        ("closure_m", "start to end", f"± {end_sigma_m:.2f} m horizontally"),
+        ("distance_m", "distance", strides if sigma is None else f"± {format_sigma(sigma)} m, {strides}"),
+        ("closure_m", "start to end", f"± {format_sigma(end_sigma_m)} m horizontally"),
         ("width_m", "feet apart, across", cells),
         ("rmse_2d_m", "horizontal error, rms", aligned),
         ("end_error_m", "error at the end", aligned),
-        ("duration_s", "duration", ""),
     ]
-    patterns = {key: pattern for key, _, pattern in FIGURES} | {"duration_s": "{:.1f}", "width_m": "{:.2f}"}
     return [
-        (words, Cell(key, f"{patterns[key].format(value)} {key.rsplit('_', 1)[-1]}", value), addition)
+        (words, Cell(key, f"{format_digits(value, decimals=2 + (key != 'width_m'))} m", value), addition)
         for key, words, addition in shown
-        if (value := summary.get(key)) is not None
+        if (value := summary.get(key)) is not None and (key != "closure_m" or is_loop([summary]))
     ]
 
 
@@ -194,7 +192,8 @@ def _draw_sections(
     if both is not None:
         words = [_describe_origin(both), *words]
     people = {} if paths.person is None else {"person": paths.person}
-    path = Section("path", "Path", words, [draw_course(paths)])
+    course = draw_course(paths)
+    path = Section("path", "Path", charts=[replace(course, caption=" ".join([*words, course.caption]))])
     height = Section("height", "Height", [], [draw_height(views)])
     sigma = Section("sigma", "Uncertainty", [], [draw_sigmas({**views, **people}, (frame.x, frame.y))])
     bias = Section("bias", "Gyroscope bias", [], [draw_gyro_bias(views)])
@@ -204,9 +203,6 @@ def _draw_sections(
     words = [describe_alignment(view.comparison) for view in compared.values() if view.comparison is not None]
     if len(compared) > 1:
         words = [f"{name}: {one}" for name, one in zip(compared, words, strict=True)]
-    if not compared:
-        had = any(one.truth is not None for one in walks.values())
-        words = ["The truth could not be compared: see the remarks." if had else "No truth is known of this walk."]
     errors = Section("errors", "Errors", words, [draw_errors(compared)] if compared else [])
     if both is not None:
         heading = Section("heading", "Heading", [], [draw_headings(people)])
@@ -216,7 +212,7 @@ def _draw_sections(
     with_graph = next((view for view in views.values() if view.solution.graph), first)
     graph = Section("graph", "The graph", words, draw_graph(with_graph, frame))
     # stances
-    words, charts = ["The samples of this walk were not kept, as asked by --lag."], list[Chart]()
+    words, charts = list[str](), list[Chart]()
     if walk is not None:
         found, charts = walk.stances, draw_samples(walk.recording, walk.stances)
         footfalls = format_count(found.n_footfalls, "footfall")
@@ -230,30 +226,24 @@ def _draw_sections(
     words = [describe_return(one) for one in recognized[:MAX_RETURNS]]
     if more := len(recognized) - len(words):
         words.append(f"{format_count(more, 'more return')} of {recognized[MAX_RETURNS].length_m:.0f} m or less.")
-    words = words or ["No place was recognized as one where the walk was before."]
     returns = Section("returns", "Places recognized", words, draw_returns(recognized[:MAX_RETURNS]))
     return [path, graph, height, sigma, stances, bias, *_draw_field(views, walk), returns, errors]
 
 
 def _draw_field(views: Mapping[str, AlignedSolution], walk: Walk | None) -> list[Section]:
     """Draw heading and field of a single foot, or of the methods' one recording; of several methods the first one's."""
-    missing = "The samples of this walk were not kept, so its field is not shown."
-    if walk is not None and walk.recording.mag is None and walk.options.use_magnetometer and not walk.unjudged:
-        missing = "The recording has no magnetometer."
-    elif walk is not None:
-        missing = f"No field is shown: {walk.unjudged.rstrip('.') or 'it was not looked at'}."
-    words, headings, counts, strengths = missing, [draw_headings(views)], missing, list[Chart]()
+    words, headings, counts, strengths = list[str](), [draw_headings(views)], list[str](), list[Chart]()
     if walk is not None and walk.field is not None:
         table, field = next(iter(views.values())).solution.stances, walk.field
         headings.append(draw_compass(field, table))
         turned = np.rad2deg(field.mean_heading_difference)
-        words = f"The compass shows {turned:+.1f}° more than the gyroscope on the mean."
+        words = [f"The compass shows {turned:+.1f}° more than the gyroscope on the mean."]
         clear, disturbed, _ = (int(flag.sum()) for flag, _, _ in group_field(field, table))
-        counts = f"At {clear} of {len(field)} footfalls the field is undisturbed, at {disturbed} disturbed."
+        counts = [f"At {clear} of {len(field)} footfalls the field is undisturbed, at {disturbed} disturbed."]
         strengths = [draw_strength(field, table)]
     return [
-        Section("heading", "Heading, and compass against gyroscope", [words], headings),
-        Section("strength", "Field strength along the path", [counts], strengths),
+        Section("heading", "Heading", words, headings),
+        Section("strength", "Field strength", counts, strengths),
     ]
 
 
@@ -283,7 +273,7 @@ def describe_graph(solutions: Mapping[str, Solution]) -> list[str]:
             left_out = one.graph.get("gated_out", 0)
             gated = f" The gate left out the compass of {format_count(left_out, 'footfall')}." if left_out else ""
             words.append(f"Factors of {name} by kind: {kinds}; {sum(counts.values())} in all.{gated}")
-    return words or [f"No graph: {', '.join(solutions)} has none, or does not tell its factors."]
+    return words
 
 
 def _describe_origin(both: FeetResult) -> str:
@@ -291,7 +281,7 @@ def _describe_origin(both: FeetResult) -> str:
     pairing = both.pairing
     known = {"named": "as it was named", "shown": "as the steps show", "assumed": "which is assumed"}[pairing.sides]
     words = f"The first recording is of the {pairing.order[0]} foot, {known}."
-    if pairing.width_m is None:
+    if pairing.width_m is None or abs(pairing.clock_offset_s) < 5e-4:
         return words
     clock = f"{pairing.clock_offset_s:+.3f} s, {'as given' if pairing.clock_given else 'by the signals'}"
     return f"{words} To the stamps of the second one was added {clock}."
@@ -301,12 +291,8 @@ def _draw_distance(result: FeetResult) -> Section:
     """Draw the distance of the sensors, and the reach of two standing feet."""
     title = "Distance between the feet"
     left, right = result.left, result.right
-    if left is None or right is None:
-        return Section("distance", title, ["One foot is missing: see the remarks."])
-    if result.width_m is None:
-        return Section(
-            "distance", title, ["Nothing ties the feet, and each is in a frame of its own: see the remarks."]
-        )
+    if left is None or right is None or result.width_m is None:
+        return Section("distance", title)
     from fg_nav.smoother.feet import REACH_M
 
     t, pairing = result.t, result.pairing

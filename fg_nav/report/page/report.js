@@ -4,6 +4,7 @@
 const charts = JSON.parse(document.getElementById("charts").textContent);
 const onTouch = matchMedia("(pointer: coarse)").matches;
 const PAPER_WIDTH = 700; // pixels, of A4 less its margins
+const NARROW = 760; // widths of phones, as in the style
 
 const CONFIG = {
   responsive: true,
@@ -20,7 +21,7 @@ function layoutOf(chart) {
     paper_bgcolor: "rgba(0,0,0,0)",
     plot_bgcolor: "rgba(0,0,0,0)",
     font: { family: "system-ui, -apple-system, Segoe UI, Roboto, sans-serif", size: 12, color: "#1d2125" },
-    margin: { l: 52, r: 12, t: 8, b: 42 },
+    margin: { l: 52, r: 12, t: 8, b: innerWidth > NARROW ? 42 : 70 }, // on a phone the toolbar is below, off the legend
     legend: { orientation: "h", x: 0, y: 1.01, xanchor: "left", yanchor: "bottom", font: { size: 12 } },
     hoverlabel: { font: { size: 12, color: "#ffffff" }, bgcolor: "#2b3138", bordercolor: "#2b3138", align: "left", namelength: -1 },
     hovermode: "x",

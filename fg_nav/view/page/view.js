@@ -1,69 +1,91 @@
 "use strict";
-// A walk in progress. Messages come over a websocket (fg_nav/view/page_server.py says which); `walk` is what they told,
-// and `view` how it is looked at. All that is drawn follows from these two.
+// Walks in progress. Messages come over a websocket (fg_nav/view/servers.py and board.py); `walks` is what they told, by
+// the walkers' names ("" of a page of one), `walk` the one whose instruments are shown, and `view` how all are looked at.
 
 const CHI_95 = Math.sqrt(-2 * Math.log(0.05)); // semi-axis of the 95 % ellipse, in sigmas: chi-square of two
-const RETRY_MS = 1000, NOTICE_MS = 8000, MAX_REMARKS = 50, MAX_REASONS = 2, STALE_MS = 3000;
-const MARGIN = 62; // pixels above and below the path: what lies on the map
+const RETRY_MS = 1000, NOTICE_MS = 8000, MAX_REMARKS = 50, MAX_REASONS = 2, STALE_S = 3;
+const STANDING_S = 3, MOTIONLESS_S = 30; // a standing that is told, and one that may be trouble
+const MARGIN = 62, NARROW = 500; // pixels above and below the path, for what lies on the map; widths of phones
 const NEAREST = 2000, FARTHEST = 0.002; // pixels a metre
 
-const walk = { path: [], last: null, status: null, distance: 0, feet: {} }; // feet: of two sensors, path and last by side
+/** What is known of a walk: feet, of two sensors, by side path and last; start, m on the map; heardAt, null for never. */
+const newWalk = (name) => ({ name, path: [], last: null, status: null, distance: 0, feet: {}, remarks: [], start: [0, 0], heardAt: null, address: "" });
+const walks = new Map([["", newWalk("")]]);
+let walk = walks.get("");
+const plan = { image: null, light: null, dark: null, origin: [0, 0], right: [1, 0], down: [0, -1] }; // m of a pixel
 const view = { east: 0, north: 0, scale: 40, mode: "all", courseUp: false, turn: 0 }; // mode: all, follow or free
-const link = { socket: null, lost: false, heardAt: 0, ended: false };
+const link = { lost: false };
 
 const $ = (id) => document.getElementById(id);
-const canvas = $("canvas"), pen = canvas.getContext("2d");
+const canvas = $("canvas"), pen = canvas.getContext("2d"), dark = matchMedia("(prefers-color-scheme: dark)");
 
 // --- messages
 
 function connect() {
   const scheme = location.protocol === "https:" ? "wss" : "ws";
   const socket = new WebSocket(`${scheme}://${location.host}/live`);
-  link.socket = socket;
   socket.onmessage = (message) => { take(JSON.parse(message.data)); };
   socket.onclose = () => { link.lost = true; show(); setTimeout(connect, RETRY_MS); };
 }
 
 function take(event) {
   link.lost = false;
-  link.heardAt = performance.now();
-  if (event.kind === "history") takeHistory(event);
-  if (event.kind === "now") event.foot && event.foot !== walk.last?.foot ? takeFoot(event) : takeNow(event);
-  if (event.kind === "status") { walk.status = event; walk.distance = event.distance_m; }
-  if (event.kind === "remark") addRemark(event);
-  if (event.kind === "foot") notify(`The ${event.foot} foot is ${event.state}: ${event.reason}.`);
-  if (event.kind === "turned" && event.foot === walk.last?.foot) notify(`The map was turned by ${Math.abs(event.angle_deg).toFixed(1)}° ${event.angle_deg < 0 ? "counterclockwise" : "clockwise"}.`);
-  if (event.kind === "retracted") notify("A false footfall was taken back.");
+  if (event.kind === "plan") takePlan(event);
+  else takeOf(findWalk(event.walker ?? ""), event);
   show();
 }
 
-function takeHistory(event) {
-  Object.assign(walk, { path: event.path, last: event.last, status: event.status, distance: event.distance_m, feet: event.feet ?? {} });
-  $("remarks").replaceChildren();
-  event.remarks.forEach(addRemark);
+/** The walk of a name; the first one with a name takes the place of that without. */
+function findWalk(name) {
+  if (!walks.has(name)) {
+    walks.delete("");
+    walks.set(name, newWalk(name));
+    if (!walks.has(walk.name)) walk = walks.get(name);
+  }
+  return walks.get(name);
 }
 
-function takeNow(event) {
-  const before = walk.path.at(-1) ?? [0, ...event.position_m];
-  walk.last = event;
-  walk.distance += Math.hypot(event.position_m[0] - before[1], event.position_m[1] - before[2]);
-  walk.path.push([event.t, ...event.position_m]);
+function takeOf(one, event) {
+  one.heardAt = performance.now();
+  const say = (words) => notify(one.name ? `${one.name}: ${words[0].toLowerCase()}${words.slice(1)}` : words);
+  if (event.kind === "walker") {
+    Object.assign(one, { address: event.address, start: event.start_m, heardAt: event.heard_s === null ? null : one.heardAt - 1000 * event.heard_s });
+  }
+  if (event.kind === "history") {
+    const { path, last, status, distance_m: distance, feet = {} } = event;
+    Object.assign(one, { path, last, status, distance, feet, remarks: event.remarks.map(({ words }) => words).reverse() });
+  }
+  if (event.kind === "now") event.foot && event.foot !== one.last?.foot ? takeFoot(one, event) : takeNow(one, event);
+  if (event.kind === "status") { one.status = event; one.distance = event.distance_m; }
+  if (event.kind === "remark") one.remarks = [event.words, ...one.remarks].slice(0, MAX_REMARKS);
+  if (event.kind === "foot") say(`The ${event.foot} foot is ${event.state}: ${event.reason}.`);
+  if (event.kind === "turned" && event.foot === one.last?.foot) say(`The map was turned by ${Math.abs(event.angle_deg).toFixed(1)}° ${event.angle_deg < 0 ? "counterclockwise" : "clockwise"}.`);
+  if (event.kind === "retracted") say("A false footfall was taken back.");
+}
+
+function takeNow(one, event) {
+  one.last = event;
+  one.path.push([event.t, ...event.position_m]);
 }
 
 /** A line of a foot next to the path of the page; before there is one, of the left foot, it begins that. */
-function takeFoot(event) {
-  if (walk.last === null) takeNow(event);
-  const foot = walk.feet[event.foot];
-  if (!foot || event.frame !== walk.last.frame) return;
+function takeFoot(one, event) {
+  if (one.last === null) takeNow(one, event);
+  const foot = one.feet[event.foot];
+  if (!foot || event.frame !== one.last.frame) return;
   foot.last = event;
   foot.path.push([event.t, ...event.position_m]);
 }
 
-function addRemark(event) {
-  const item = document.createElement("li");
-  item.textContent = event.words;
-  $("remarks").prepend(item);
-  while ($("remarks").children.length > MAX_REMARKS) $("remarks").lastChild.remove();
+function takePlan(event) {
+  Object.assign(plan, { origin: event.origin_m, right: event.right_m, down: event.down_m });
+  plan.image ??= Object.assign(new Image(), { src: "plan", onload() {
+    for (const [scheme, filter] of [["light", "none"], ["dark", "invert(1) hue-rotate(180deg)"]]) {
+      plan[scheme] = new OffscreenCanvas(this.naturalWidth, this.naturalHeight);
+      Object.assign(plan[scheme].getContext("2d"), { filter }).drawImage(this, 0, 0);
+    }
+    show();
+  } });
 }
 
 let noticeTimer = 0;
@@ -76,11 +98,10 @@ function notify(words) {
 
 // --- what is known
 
-const known = (key) => walk.status?.[key] ?? walk.last?.[key] ?? null;
-const position = () => known("position_m") ?? walk.path.at(-1)?.slice(1) ?? null;
+const known = (key, one = walk) => one.status?.[key] ?? one.last?.[key] ?? null;
+const position = (one = walk) => known("position_m", one) ?? one.path.at(-1)?.slice(1) ?? null;
 
 /** Covariance of east and north, m^2: ee, en, nn. */
-const covariance = () => covarianceOf(walk.last);
 function covarianceOf(line) {
   const sigma = line?.position_sigma_m;
   return sigma && [sigma[0] ** 2, line.east_north_cov_m2, sigma[1] ** 2];
@@ -93,13 +114,35 @@ function ellipse([ee, en, nn]) {
 }
 
 /** Where the person walks to: rad clockwise from north, over the last stride of some length. */
-function course() {
-  const here = walk.path.at(-1);
-  for (let k = walk.path.length - 2; k >= 0; k--) {
-    const [east, north] = [here[1] - walk.path[k][1], here[2] - walk.path[k][2]];
+function course(one = walk) {
+  const here = one.path.at(-1);
+  for (let k = one.path.length - 2; k >= 0; k--) {
+    const [east, north] = [here[1] - one.path[k][1], here[2] - one.path[k][2]];
     if (Math.hypot(east, north) > 0.4) return Math.atan2(east, north);
   }
   return null;
+}
+
+const hasEnded = (one) => one.status?.source === "ended";
+
+/** For how long nothing was heard of a walk, s: its source as its status says, and since that came; 0 where all is well. */
+function silence(one) {
+  const source = one.status?.source ?? "", unheard = one.heardAt === null ? 0 : (performance.now() - one.heardAt) / 1000;
+  const told = source.startsWith("silent") ? parseFloat(source.slice(7)) : 0;
+  return hasEnded(one) || (!told && unheard < STALE_S) ? 0 : told + unheard;
+}
+
+const lasting = (seconds) => seconds < 120 ? `${Math.floor(seconds)} s` : `${Math.floor(seconds / 60)} min`;
+
+/** What a walker does, in words and how badly; the words alone are no news of one who walks. */
+function stateOf(one) {
+  const { standing, standing_s: stood = 0, speed_m_s: speed } = one.status ?? {}, silent = silence(one);
+  if (hasEnded(one)) return ["", "ended"];
+  if (one.heardAt === null) return ["bad", `no contact with ${one.address}`];
+  if (silent) return ["bad", `silent for ${lasting(silent)}`];
+  if (standing && stood >= STANDING_S) return [stood >= MOTIONLESS_S ? "caution" : "", `standing for ${lasting(stood)}`];
+  if (!one.last) return ["", "not walking yet"];
+  return ["good", speed ? `walking, ${speed.toFixed(1)} m/s` : "walking"];
 }
 
 // --- instruments
@@ -112,7 +155,7 @@ function put(id, value, digits = 0, unit = "", sign = false) {
 }
 
 function putSigma(id, value, digits, unit) {
-  $(id).textContent = Number.isFinite(value) && value !== null ? `± ${value.toFixed(value >= 10 ? 0 : digits)} ${unit}` : "";
+  $(id).textContent = Number.isFinite(value) && value !== null ? `± ${value.toFixed(value >= 10 ? 0 : value >= 1 ? 1 : digits)} ${unit}` : "";
 }
 
 function putLamp(id, kind, words) {
@@ -122,7 +165,7 @@ function putLamp(id, kind, words) {
 
 function showFigures() {
   const at = position(), sigma = known("position_sigma_m") ?? [], status = walk.status ?? {};
-  put("east", at?.[0], 2); put("north-m", at?.[1], 2, "m");
+  put("east", at?.[0], sigma[0] >= 1 ? 1 : 2); put("north-m", at?.[1], sigma[1] >= 1 ? 1 : 2, "m");
   putSigma("east-sigma", sigma[0], 2, ""); putSigma("north-sigma", sigma[1], 2, "");
   put("heading", known("heading_deg"), 0, "°"); putSigma("heading-sigma", known("heading_sigma_deg"), 1, "°");
   put("floor", known("floor"), 0, "", true); $("floor-words").textContent = known("floor") === null ? "not known" : "from the start";
@@ -154,11 +197,14 @@ const TRUST = {
 const WORDS = Object.keys(TRUST);
 
 /** The newest line, or those of both feet: a person's has neither field nor verdict. */
-const lines = () => walk.last?.foot === "person" ? Object.values(walk.feet).map((foot) => foot.last) : walk.last ? [walk.last] : [];
+const lines = (one = walk) => one.last?.foot === "person" ? Object.values(one.feet).map((foot) => foot.last) : one.last ? [one.last] : [];
+
+/** The line with the worst verdict on the path. */
+const judge = (one = walk) => lines(one).sort((a, b) => WORDS.indexOf(b.verdict) - WORDS.indexOf(a.verdict))[0];
 
 /** Whether the path up to the newest line is to be trusted, and the heaviest reasons why not. */
 function showTrust() {
-  const judged = lines().sort((a, b) => WORDS.indexOf(b.verdict) - WORDS.indexOf(a.verdict))[0];
+  const judged = judge();
   putLamp("trust", ...(TRUST[judged?.verdict] ?? ["", "Path not judged yet"]));
   const reasons = judged?.reasons ?? [], more = reasons.length - MAX_REASONS;
   const words = reasons.slice(0, MAX_REASONS).join("; ");
@@ -174,8 +220,8 @@ function showLosses() {
 }
 
 function showLamps() {
-  const standing = walk.status?.standing;
-  putLamp("stance", standing ? "good" : "", standing == null ? "No stance yet" : standing ? "Stands" : "Swings");
+  const standing = walk.status?.standing, stood = walk.status?.standing_s >= STANDING_S ? `Standing for ${lasting(walk.status.standing_s)}` : "Stands";
+  putLamp("stance", standing ? "good" : "", standing == null ? "No stance yet" : standing ? stood : "Swings");
   const newest = lines().sort((a, b) => b.t - a.t)[0] ?? {}, field = newest.field;
   putLamp("field", field === "quasi-static" ? "good" : field === "disturbed" ? "caution" : "",
     { "quasi-static": "Field undisturbed", disturbed: "Field disturbed" }[field] ?? "Field not judged");
@@ -184,23 +230,52 @@ function showLamps() {
 
 /** What is wrong, in words and how badly; null where nothing is. */
 function trouble() {
-  const source = walk.status?.source ?? "";
-  if (link.ended) return ["calm", "The walk has ended."];
+  const all = [...walks.values()];
+  if (all.every(hasEnded)) return ["calm", all.length > 1 ? "All walks have ended." : "The walk has ended."];
   if (link.lost) return ["", "Connection lost: this is how it was. Trying again."];
-  if (source.startsWith("silent")) return ["", `The source is ${source.replace("silent", "silent for")}.`];
-  if (link.heardAt && performance.now() - link.heardAt > STALE_MS) return ["caution", "The navigator is busy: no news."];
-  return null;
+  const quiet = all.filter((one) => one.name && stateOf(one)[0] === "bad").map((one) => `${one.name}: ${stateOf(one)[1]}`);
+  if (walk.name) return quiet.length ? ["", `${quiet.join("; ")}.`] : null;
+  if (walk.status?.source?.startsWith("silent")) return ["", `The source is ${stateOf(walk)[1]}.`];
+  return silence(walk) ? ["caution", "The navigator is busy: no news."] : null;
+}
+
+/** The walkers of a page of several; a click shows the instruments of one. */
+function showWalkers() {
+  const named = [...walks.values()].filter((one) => one.name), list = $("walkers");
+  list.hidden = !named.length;
+  while (list.children.length < named.length) {
+    const item = document.createElement("li"), button = item.appendChild(document.createElement("button"));
+    for (const part of ["dot", "who", "mark", "state"]) button.appendChild(document.createElement("span")).className = part;
+    button.addEventListener("click", () => { walk = walks.get(button.dataset.name); show(); });
+    list.append(item);
+  }
+  named.forEach((one, k) => {
+    const button = list.children[k].firstChild, [dot, who, mark, state] = button.children, [kind, words] = stateOf(one);
+    const [trust] = TRUST[judge(one)?.verdict] ?? [""], floor = known("floor", one);
+    button.dataset.name = who.textContent = one.name;
+    button.setAttribute("aria-pressed", String(one === walk));
+    dot.style.background = `var(--walker-${1 + (k % WALKERS)})`;
+    [mark.className, mark.textContent] = [`mark ${trust}`, { good: "✓", caution: "~", bad: "×" }[trust] ?? ""];
+    mark.title = TRUST[judge(one)?.verdict]?.[1] ?? "Path not judged yet";
+    state.className = `state ${kind}`;
+    state.textContent = [words, one.last && `${one.distance.toFixed(0)} m`, floor !== null && `floor ${floor > 0 ? "+" : ""}${floor}`].filter(Boolean).join(" · ");
+  });
+}
+
+function showRemarks() {
+  if (showRemarks.shown === walk.remarks) return;
+  showRemarks.shown = walk.remarks;
+  $("remarks").replaceChildren(...walk.remarks.map((words) => Object.assign(document.createElement("li"), { textContent: words })));
 }
 
 function showState() {
-  const source = walk.status?.source ?? "";
-  link.ended = source === "ended";
-  const wrong = trouble();
+  const source = walk.status?.source ?? "", wrong = trouble();
   $("banner").hidden = wrong === null;
   if (wrong) [$("banner").className, $("banner").textContent] = wrong;
-  $("source").textContent = link.lost ? "not connected" : { ok: "source sends", ended: "ended", "": "waiting" }[source] ?? source;
-  $("source").className = `state ${link.lost || source.startsWith("silent") ? "bad" : source === "ok" ? "good" : ""}`;
-  document.body.classList.toggle("lost", link.lost && !link.ended);
+  const quiet = silence(walk) ? `silent for ${lasting(silence(walk))}` : "";
+  $("source").textContent = link.lost ? "not connected" : quiet || ({ ok: "source sends", ended: "ended", "": "waiting" }[source] ?? source);
+  $("source").className = `state ${link.lost || quiet ? "bad" : source === "ok" ? "good" : ""}`;
+  document.body.classList.toggle("lost", link.lost && !hasEnded(walk));
   $("no-remarks").hidden = $("remarks").children.length > 0;
 }
 
@@ -228,22 +303,30 @@ function resize() {
 }
 
 function fitAll() {
-  const rows = [...(walk.path.length ? walk.path : [[0, 0, 0, 0]]), [0, ...(position() ?? [0, 0, 0])]];
-  const bounds = [Infinity, Infinity, -Infinity, -Infinity], cov = covariance(), at = rows.at(-1);
-  if (cov) for (const side of [-1, 1]) { // room for the ellipse, unless it is larger than the path
-    const most = 0.3 * Math.max(10, Math.hypot(at[1], at[2])) * side;
-    const [east, north] = [cov[0], cov[2]].map((square) => CHI_95 * Math.sqrt(square) * side);
-    rows.push([0, at[1] + (side * east < side * most ? east : most), at[2] + (side * north < side * most ? north : most)]);
-  }
-  for (const [, east, north] of rows) {
+  const bounds = [Infinity, Infinity, -Infinity, -Infinity];
+  const include = (east, north) => {
     bounds[0] = Math.min(bounds[0], east); bounds[1] = Math.min(bounds[1], north);
     bounds[2] = Math.max(bounds[2], east); bounds[3] = Math.max(bounds[3], north);
+  };
+  for (const one of walks.values()) {
+    const cov = covarianceOf(one.last), at = position(one) ?? [0, 0], [e0, n0] = one.start;
+    const rows = [[0, 0, 0], ...one.path, [0, ...at]];
+    if (cov) for (const side of [-1, 1]) { // room for the ellipse, unless it is larger than the path
+      const most = 0.3 * Math.max(10, Math.hypot(at[0], at[1]));
+      rows.push([0, ...[cov[0], cov[2]].map((square, k) => at[k] + side * Math.min(CHI_95 * Math.sqrt(square), most))]);
+    }
+    for (const [, east, north] of rows) include(e0 + east, n0 + north);
   }
+  for (const corner of planCorners()) include(...corner);
   view.east = (bounds[0] + bounds[2]) / 2;
   view.north = (bounds[1] + bounds[3]) / 2;
   const [wide, high] = [Math.max(bounds[2] - bounds[0], 6), Math.max(bounds[3] - bounds[1], 6)];
   const reach = view.courseUp ? [Math.hypot(wide, high), Math.hypot(wide, high)] : [wide, high];
-  view.scale = clampScale(Math.min((size.width - 80) / reach[0], (size.height - 2 * MARGIN) / reach[1]));
+  const below = size.width < NARROW ? 1.6 * MARGIN : MARGIN; // there the scale is above the tools
+  view.scale = clampScale(Math.min((size.width - 80) / reach[0], (size.height - MARGIN - below) / reach[1]));
+  const lower = unproject(0, (below - MARGIN) / 2);
+  view.east += lower[0];
+  view.north += lower[1];
 }
 
 const clampScale = (scale) => Math.min(NEAREST, Math.max(FARTHEST, scale));
@@ -255,19 +338,41 @@ function draw() {
   const at = position(), way = course();
   view.turn = view.courseUp && way !== null ? way : 0;
   if (view.mode === "all") fitAll();
-  if (view.mode === "follow" && at) [view.east, view.north] = at;
-  drawGrid(color);
+  if (view.mode === "follow" && at) [view.east, view.north] = [at[0] + walk.start[0], at[1] + walk.start[1]];
+  if (!drawPlan()) drawGrid(color);
   drawFeet(color);
-  drawPath(color);
-  if (at) { drawEllipse(color, at); drawPerson(color, at, way); }
+  const all = [...walks.values()], shades = all.map((one, k) => one.name ? color[`walker-${1 + (k % WALKERS)}`] : color.path);
+  all.forEach((one, k) => drawPath(color, shades[k], one));
+  all.forEach((one, k) => { if (position(one)) { drawEllipse(one.name ? shades[k] : color.ellipse, one); drawPerson(color, one.name ? shades[k] : color.ink, one); } });
   drawScale();
   $("needle").setAttribute("transform", `rotate(${(-view.turn * 180) / Math.PI})`);
 }
 
+const WALKERS = 6; // colours of walkers
 const colors = () => {
   const style = getComputedStyle(document.documentElement);
-  return Object.fromEntries(["ground", "grid", "grid-strong", "path", "past", "ellipse", "again", "left", "right", "ink", "soft"].map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
+  return new Proxy({}, { get: (_, name) => style.getPropertyValue(`--${name}`).trim() });
 };
+
+const place = (one, east, north) => project(east + one.start[0], north + one.start[1]);
+
+/** Corners of the plan, m, once it is loaded. */
+function planCorners() {
+  const { light, origin, right, down } = plan;
+  return light ? [[0, 0], [1, 0], [0, 1], [1, 1]].map(([x, y]) => [0, 1].map((k) => origin[k] + x * light.width * right[k] + y * light.height * down[k])) : [];
+}
+
+function drawPlan() {
+  const [from, right, down] = planCorners().map((corner) => project(...corner)), sheet = dark.matches ? plan.dark : plan.light;
+  if (!from) return false;
+  pen.save();
+  pen.transform((right[0] - from[0]) / sheet.width, (right[1] - from[1]) / sheet.width, (down[0] - from[0]) / sheet.height, (down[1] - from[1]) / sheet.height, ...from);
+  pen.globalAlpha = 0.6;
+  pen.globalCompositeOperation = dark.matches ? "screen" : "multiply"; // its paper is the ground
+  pen.drawImage(sheet, 0, 0);
+  pen.restore();
+  return true;
+}
 
 /** 1, 2 or 5 times a power of ten, at least so long. */
 function round(metres) {
@@ -287,33 +392,33 @@ function drawGrid(color) {
   }
 }
 
-function drawPath(color) {
-  const points = walk.path.map(([, east, north]) => project(east, north));
-  const at = position();
+function drawPath(color, shade, one) {
+  const points = one.path.map(([, east, north]) => place(one, east, north));
+  const at = position(one);
   if (!points.length) return;
-  drawReturns(color, points);
+  drawReturns(color, points, one);
   pen.lineJoin = pen.lineCap = "round";
-  pen.strokeStyle = color.path;
-  pen.lineWidth = 2.25;
+  pen.strokeStyle = shade;
+  pen.lineWidth = one.name && one === walk ? 3.25 : 2.25;
   pen.beginPath(); pen.moveTo(...points[0]);
   for (const point of points) pen.lineTo(...point);
-  if (at) pen.lineTo(...project(at[0], at[1]));
+  if (at) pen.lineTo(...place(one, at[0], at[1]));
   pen.stroke();
   if (view.scale > 12) {
-    pen.fillStyle = color.path;
+    pen.fillStyle = shade;
     for (const [x, y] of points.slice(-400)) { pen.beginPath(); pen.arc(x, y, 3, 0, 2 * Math.PI); pen.fill(); }
   }
   pen.strokeStyle = color.ink; pen.fillStyle = color.ground; pen.lineWidth = 2;
   pen.beginPath(); pen.arc(...points[0], 5, 0, 2 * Math.PI); pen.fill(); pen.stroke();
   pen.fillStyle = color.soft; pen.font = "12px system-ui, sans-serif";
-  pen.fillText("start", points[0][0] + 10, points[0][1] + 4);
+  if (!one.name) pen.fillText("start", points[0][0] + 10, points[0][1] + 4);
 }
 
 /** Of two sensors each foot's path, in its own colour, and the ellipse of its newest footfall. */
 function drawFeet(color) {
   for (const [side, foot] of Object.entries(walk.feet)) {
     if (side === walk.last?.foot) continue; // it is the path of the page
-    const points = foot.path.map(([, east, north]) => project(east, north));
+    const points = foot.path.map(([, east, north]) => place(walk, east, north));
     if (!points.length) continue;
     pen.strokeStyle = pen.fillStyle = color[side];
     pen.lineWidth = 1.25;
@@ -321,33 +426,33 @@ function drawFeet(color) {
     for (const point of points) pen.lineTo(...point);
     pen.stroke();
     if (view.scale > 12) for (const [x, y] of points.slice(-400)) { pen.beginPath(); pen.arc(x, y, 2.5, 0, 2 * Math.PI); pen.fill(); }
-    drawRing(color[side], foot.path.at(-1).slice(1), covarianceOf(foot.last), 0.05);
+    drawRing(color[side], walk, foot.path.at(-1).slice(1), covarianceOf(foot.last), 0.05);
   }
   $("feet").hidden = Object.keys(walk.feet).length < 2;
 }
 
 /** A wide line along what was recognized as walked before. */
-function drawReturns(color, points) {
+function drawReturns(color, points, one) {
   pen.strokeStyle = color.again; pen.lineWidth = 11; pen.globalAlpha = 0.35;
-  for (const [begin, end] of walk.status?.returns ?? []) {
+  for (const [begin, end] of one.status?.returns ?? []) {
     pen.beginPath();
-    walk.path.forEach(([t], k) => { if (t >= begin && t <= end) pen.lineTo(...points[k]); });
+    one.path.forEach(([t], k) => { if (t >= begin && t <= end) pen.lineTo(...points[k]); });
     pen.stroke();
   }
   pen.globalAlpha = 1;
 }
 
-function drawEllipse(color, at) {
-  const cov = covariance();
+function drawEllipse(shade, one) {
+  const cov = covarianceOf(one.last), at = position(one);
   if (!cov) return;
   const [a, b, angle] = ellipse(cov);
-  canvas.dataset.ellipse = JSON.stringify({ east: at[0], north: at[1], a, b, angle });
-  drawRing(color.ellipse, at, cov, 0.16);
+  if (one === walk) canvas.dataset.ellipse = JSON.stringify({ east: at[0], north: at[1], a, b, angle });
+  drawRing(shade, one, at, cov, 0.16);
 }
 
-function drawRing(color, at, cov, filled) {
+function drawRing(color, one, at, cov, filled) {
   if (!cov) return;
-  const [a, b, angle] = ellipse(cov), [x, y] = project(at[0], at[1]);
+  const [a, b, angle] = ellipse(cov), [x, y] = place(one, at[0], at[1]);
   pen.beginPath();
   pen.ellipse(x, y, Math.min(a * view.scale, 1e5), Math.min(b * view.scale, 1e5), -angle - view.turn, 0, 2 * Math.PI);
   pen.fillStyle = color; pen.globalAlpha = filled; pen.fill();
@@ -355,11 +460,19 @@ function drawRing(color, at, cov, filled) {
   pen.globalAlpha = 1;
 }
 
-function drawPerson(color, at, way) {
-  const [x, y] = project(at[0], at[1]);
+/** The arrow, with the name of one of several, and what is to be known of who does not walk. */
+function drawPerson(color, shade, one) {
+  const [x, y] = place(one, ...position(one)), way = course(one), [kind, words] = stateOf(one);
+  pen.font = "600 13px system-ui, sans-serif"; pen.lineJoin = "round"; pen.lineWidth = 4;
+  pen.strokeStyle = color.ground; pen.fillStyle = color[["bad", "caution"].includes(kind) ? kind : "ink"];
+  const label = [one.name, kind === "good" ? "" : words].filter(Boolean).join(": ");
+  const left = x + 14 + pen.measureText(label).width > size.width; // on the other side where it would be cut off
+  pen.textAlign = left ? "right" : "left";
+  pen.strokeText(label, x + (left ? -14 : 14), y + 5); pen.fillText(label, x + (left ? -14 : 14), y + 5);
+  pen.textAlign = "left";
   pen.save();
   pen.translate(x, y);
-  pen.fillStyle = color.ink; pen.strokeStyle = color.ground; pen.lineWidth = 2;
+  pen.fillStyle = shade; pen.strokeStyle = color.ground; pen.lineWidth = 2;
   pen.beginPath();
   if (way === null) pen.arc(0, 0, 6, 0, 2 * Math.PI);
   else { pen.rotate(way - view.turn); pen.moveTo(0, -11); pen.lineTo(7.5, 8); pen.lineTo(0, 4); pen.lineTo(-7.5, 8); pen.closePath(); }
@@ -381,7 +494,7 @@ function show() {
   asked = true;
   requestAnimationFrame(() => {
     asked = false;
-    showFigures(); showTrust(); showLamps(); showLosses(); showState(); draw();
+    showFigures(); showTrust(); showLamps(); showLosses(); showRemarks(); showState(); showWalkers(); draw();
     Object.assign(canvas.dataset, { points: walk.path.length, scale: view.scale, state: link.lost ? "lost" : "connected" });
   });
 }
@@ -446,7 +559,7 @@ const keys = { "+": "zoom-in", "=": "zoom-in", "-": "zoom-out", a: "fit", f: "fo
 addEventListener("keydown", (event) => { if (!event.ctrlKey && !event.metaKey && keys[event.key]) actions[keys[event.key]](); });
 
 new ResizeObserver(resize).observe(canvas);
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", show);
+dark.addEventListener("change", show);
 setInterval(show, 1000); // silence is news too
 resize();
 connect();
