@@ -50,6 +50,7 @@ class StanceTable:
     field: tuple[str, ...]  # (K,) verdict on the magnetic field: "none" where it was not used
     field_reason: tuple[str, ...]  # (K,) the verdict in words
     pose_cov: Floats | None = None  # (K, 4, 4) of east, north, up (m) and yaw about up (rad) together
+    move_cov: Floats | None = None  # (K, 4, 4) likewise, of the move from the footfall before; NaN of the first
     same_place: Ints | None = None  # (K,) earlier footfall at the place, recognized by its field; -1 none
     place_score: Floats | None = None  # (K,) log likelihood ratio of that, nats; 0 where there is none
     # (K,) information of the footfall's compass over that at the walk's own spread, at most 1; 0 where it has no
@@ -233,10 +234,14 @@ class Solution:
             heading = np.unwrap(np.arctan2(table.nav_R_body[:, 1, 0], table.nav_R_body[:, 0, 0]))
             turned = rate_sigma * (heading - heading[0])
         sideways = turned[:-1, None] * stride[:, [1, 0, 2]] * [-1.0, 1.0, 0.0]
-        off = np.concatenate([np.zeros((1, 3)), np.cumsum(scale_sigma * stride + sideways, axis=0)])
+        move = scale_sigma * stride + sideways
+        off = np.concatenate([np.zeros((1, 3)), np.cumsum(move, axis=0)])
         added = np.einsum("ki,kj->kij", off, off)
         heading_sigma = np.hypot(table.heading_sigma, turned)
         table = replace(table, position_cov=table.position_cov + added, heading_sigma=heading_sigma)
+        if table.move_cov is not None:
+            by_rate = np.pad(np.column_stack([move, np.diff(turned)]), ((1, 0), (0, 0)))
+            table = replace(table, move_cov=table.move_cov + np.einsum("ki,kj->kij", by_rate, by_rate))
         of_distance = self.distance_sigma_m
         if of_distance is not None:
             walked = np.linalg.norm(stride[:, :2], axis=1).sum()
