@@ -72,8 +72,12 @@ _PUBLIC = {
 }
 _HOME = {name: module for module, names in _PUBLIC.items() for name in names}
 
-# What a solution asks of the report, for `Solution.plot` and `Solution.save`.
-_UPWARD = {"plot_solution": "fg_nav.report.files", "save_solution": "fg_nav.report.files"}
+# What a solution asks of modules above it, for `Solution.plot`, `save` and `to_dataframe`.
+_UPWARD = {
+    "plot_solution": "fg_nav.report.files",
+    "save_solution": "fg_nav.report.files",
+    "tabulate_gait": "fg_nav.gait",
+}
 
 __all__ = sorted(_HOME)
 

@@ -18,7 +18,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
@@ -30,15 +30,19 @@ from fg_nav.feet import SIDES, Side
 from fg_nav.feet.clocks import ClockOffset, list_swings, match_swings
 from fg_nav.feet.person import FeetSolution, trace_person
 from fg_nav.feet.steps import Footfalls, keep_longest_part, keep_walked_parts, measure_relative_heading
+from fg_nav.gait import tabulate_gait
 from fg_nav.io import Reading
 from fg_nav.pipeline import Result, prepare_walk, run_method
 from fg_nav.recording import Recording
 from fg_nav.samples.gaps import find_holes, list_bridged
-from fg_nav.solution import Solution
+from fg_nav.solution import Rows, Solution
 from fg_nav.text import format_count
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 from fg_nav.verdict import UNUSABLE, Verdict, Word
 from fg_nav.walk import Options, Outcome, Walk, add_known, check_known, evaluate_solution, measure_field, read_walk
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Order: TypeAlias = Literal["left,right", "right,left"]
 """Feet of the first and of the second recording."""
@@ -176,6 +180,19 @@ class FeetResult(Solution):
         True
         """
         return self.outcome.metrics
+
+    def to_dataframe(self, rows: Rows = "samples") -> pd.DataFrame:
+        """Return the person's path as a table; as `strides` those of both feet, with their steps.
+
+        Examples
+        --------
+        >>> result = fg_nav.navigate_feet("left.csv", "right.csv", "inertial", sides="left,right")
+        >>> sorted(set(result.to_dataframe("strides").foot))
+        ['left', 'right']
+        """
+        if rows == "strides":
+            return tabulate_gait(self.feet, beside=self.width_m is not None)
+        return super().to_dataframe(rows)
 
     @cached_property
     def verdict(self) -> Verdict:

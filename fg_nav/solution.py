@@ -11,17 +11,21 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
 
 import fg_nav
 from fg_nav.arrays import Floats, Ints
+from fg_nav.errors import EstimationError
 from fg_nav.frames import compute_heading, quaternion_xyzw
 from fg_nav.recording import Recording
 
 if TYPE_CHECKING:
     import pandas as pd
+
+Rows: TypeAlias = Literal["samples", "footfalls", "strides"]
+"""What a table of a solution has a row of."""
 
 SAMPLE_COLUMNS = (
     "time_s", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", "heading_deg", "qx", "qy", "qz", "qw",
@@ -50,6 +54,7 @@ class StanceTable:
     field: tuple[str, ...]  # (K,) verdict on the magnetic field: "none" where it was not used
     field_reason: tuple[str, ...]  # (K,) the verdict in words
     pose_cov: Floats | None = None  # (K, 4, 4) of east, north, up (m) and yaw about up (rad) together
+    move_cov: Floats | None = None  # (K, 4, 4) likewise, of the move from the footfall before; NaN of the first
     same_place: Ints | None = None  # (K,) earlier footfall at the place, recognized by its field; -1 none
     place_score: Floats | None = None  # (K,) log likelihood ratio of that, nats; 0 where there is none
     # (K,) information of the footfall's compass over that at the walk's own spread, at most 1; 0 where it has no
@@ -233,37 +238,55 @@ class Solution:
             heading = np.unwrap(np.arctan2(table.nav_R_body[:, 1, 0], table.nav_R_body[:, 0, 0]))
             turned = rate_sigma * (heading - heading[0])
         sideways = turned[:-1, None] * stride[:, [1, 0, 2]] * [-1.0, 1.0, 0.0]
-        off = np.concatenate([np.zeros((1, 3)), np.cumsum(scale_sigma * stride + sideways, axis=0)])
+        move = scale_sigma * stride + sideways
+        off = np.concatenate([np.zeros((1, 3)), np.cumsum(move, axis=0)])
         added = np.einsum("ki,kj->kij", off, off)
         heading_sigma = np.hypot(table.heading_sigma, turned)
         table = replace(table, position_cov=table.position_cov + added, heading_sigma=heading_sigma)
+        if table.move_cov is not None:
+            by_rate = np.pad(np.column_stack([move, np.diff(turned)]), ((1, 0), (0, 0)))
+            table = replace(table, move_cov=table.move_cov + np.einsum("ki,kj->kij", by_rate, by_rate))
         of_distance = self.distance_sigma_m
         if of_distance is not None:
             walked = np.linalg.norm(stride[:, :2], axis=1).sum()
             of_distance = float(np.hypot(of_distance, scale_sigma * walked))
         return replace(self, stances=table, distance_sigma_m=of_distance)
 
-    def to_dataframe(self, footfalls: bool = False) -> pd.DataFrame:
-        """Return the path as a table.
+    def to_dataframe(self, rows: Rows = "samples") -> pd.DataFrame:
+        """Return the path, or the gait, as a table.
 
         Parameters
         ----------
-        footfalls : bool
-            False: one row a sample, `SAMPLE_COLUMNS`: position (m) and velocity (m/s) in the navigation frame, heading
-            of the body's x axis in [0, 360) deg clockwise from north, quaternion of `nav_R_body`. True: one row a
-            footfall with its standard deviations, `STRIDE_COLUMNS`.
+        rows : "samples", "footfalls" or "strides"
+            One row a sample, `SAMPLE_COLUMNS`: position (m) and velocity (m/s) in the navigation frame, heading of the
+            body's x axis in [0, 360) deg clockwise from north, quaternion of `nav_R_body`. One row a footfall with its
+            standard deviations, `STRIDE_COLUMNS`. Or one row a stride with its gait parameters,
+            `fg_nav.gait.GAIT_COLUMNS`, of a sensor on a foot.
+
+        Raises
+        ------
+        EstimationError
+            For strides of a sensor in a pocket, or rows that are none of these.
 
         Examples
         --------
         >>> solution = fg_nav.navigate("walk.csv", "inertial")
         >>> solution.to_dataframe().columns[:4].tolist()
         ['time_s', 'x_m', 'y_m', 'z_m']
-        >>> steps = solution.to_dataframe(footfalls=True)
-        >>> bool(steps.sigma_x_m.iloc[-1] > steps.sigma_x_m.iloc[0])
+        >>> footfalls = solution.to_dataframe("footfalls")
+        >>> bool(footfalls.sigma_x_m.iloc[-1] > footfalls.sigma_x_m.iloc[0])
+        True
+        >>> strides = solution.to_dataframe("strides")
+        >>> bool(strides.length_m[strides.steady].mean() > 1.0)
         True
         """
-        if footfalls:
+        if rows == "strides":
+            table: pd.DataFrame = fg_nav.tabulate_gait({"": self})
+            return table
+        if rows == "footfalls":
             return self.stances.to_dataframe()
+        if rows != "samples":
+            raise EstimationError(f"there are no rows '{rows}': choose one of {', '.join(get_args(Rows))}.")
         return tabulate_path(self.t, self.position, self.velocity, self.nav_R_body)
 
     def save(self, path: Path | str, force: bool = False, *, origin: Sequence[float] | None = None) -> Path:
@@ -288,7 +311,7 @@ class Solution:
         --------
         >>> solution = fg_nav.navigate("walk.csv", "inertial")
         >>> sorted(file.name for file in solution.save("mine").glob("*.csv"))
-        ['strides.csv']
+        ['gait.csv', 'strides.csv']
         >>> solution.save("mine.kml", origin=(48.137, 11.575)).stat().st_size > 0
         True
         """

@@ -32,7 +32,7 @@ from fg_nav.errors import SimulationError
 from fg_nav.lab.store.files import make_folder, write_text
 from fg_nav.report.terminal import console
 
-MODULES = ("accuracy", "coverage", "places", "worn", "online", "cost")
+MODULES = ("accuracy", "coverage", "places", "worn", "gait", "online", "cost")
 EXPERIMENTS: Mapping[str, Experiment] = {
     name: one for module in MODULES for name, one in import_module(f"experiments.{module}").EXPERIMENTS.items()
 }

@@ -127,4 +127,4 @@ def test_two_feet_are_saved_and_drawn(walk: Recording) -> None:
     assert {"trajectory.tum", "trajectory_left.tum", "person.csv", "summary.json", "report.html"} <= files
     assert result.save("both.geojson", origin=(48.0, 11.0)).stat().st_size > 0
     assert result.plot().get_xlabel() == "x (m)"
-    assert len(result.to_dataframe(footfalls=True)) == len(result.stances)
+    assert len(result.to_dataframe("footfalls")) == len(result.stances)

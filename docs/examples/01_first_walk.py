@@ -15,7 +15,7 @@ print("verdict:", result.verdict.word)
 
 # %%
 # The frame is east, north, up from the first footfall, and a row is a footfall with its standard deviations.
-print(result.to_dataframe(footfalls=True)[["time_s", "x_m", "y_m", "z_m", "sigma_x_m", "sigma_y_m"]].tail(3))
+print(result.to_dataframe("footfalls")[["time_s", "x_m", "y_m", "z_m", "sigma_x_m", "sigma_y_m"]].tail(3))
 
 # %%
 # From above, with the ellipses that hold 95 %. ``result.save("mine")`` writes all of it into a folder.

@@ -17,6 +17,7 @@ import pandas as pd
 from fg_nav.errors import OutputError
 from fg_nav.estimators import get_method
 from fg_nav.evaluation.metrics import Metrics, evaluate, measure_gap
+from fg_nav.gait import summarize_gait
 from fg_nav.io import write_tum
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.magnetic.detectors import NO_GATE, QUASI_STATIC, UNKNOWN, find_gate
@@ -66,6 +67,8 @@ def write_run(
     summary = summarize(walk, outcome) if summary is None else summary
     name, config = outcome.solution.method, describe_run(walk, outcome.solution)
     _write_files(folder, outcome.solution, summary, config)
+    if walk.options.mount != "pocket":
+        write_gait(folder, outcome.solution)
     _write_drawings(folder, {name: outcome}, [summary], {name: config}, {name: walk}, plots)
     return summary
 
@@ -77,6 +80,7 @@ def write_comparison(folder: Path, walk: Walk, outcomes: Mapping[str, Outcome], 
     for (name, outcome), summary in zip(outcomes.items(), summaries, strict=True):
         (folder / name).mkdir()
         _write_files(folder / name, outcome.solution, summary, configs[name])
+        write_gait(folder / name, outcome.solution)
     rows = [
         {key: value for key, value in row.items() if not isinstance(value, list | dict) and key not in _STRUCTURED}
         for row in summaries
@@ -114,6 +118,7 @@ def write_feet(folder: Path, result: FeetResult, plots: Plots = "html") -> Summa
     for side, foot in feet.items():
         write_paths(folder, foot, f"_{side}")
     _write_files(folder, result, summary, request | configs, "person")
+    write_gait(folder, result)
     outcomes = {side: foot.outcome for side, foot in feet.items()}
     walks = {side: foot.walk for side, foot in feet.items()}
     _write_drawings(folder, outcomes, [summary], configs, walks, plots, result)
@@ -173,9 +178,18 @@ def write_paths(folder: Path, solution: Solution, suffix: str = "", table: str =
 
 def write_strides(path: Path, table: StanceTable) -> None:
     """Write one row a footfall."""
-    strides = table.to_dataframe()
-    strides["time_s"] = strides["time_s"].map("{:.9f}".format)  # nine significant digits would blur a clock's stamps
-    strides.to_csv(path, index=False, float_format="%.9g")
+    _write_rows(path, table.to_dataframe(), ("time_s",))
+
+
+def write_gait(folder: Path, solution: Solution) -> None:
+    """Write one row a stride of a foot, or of both."""
+    _write_rows(folder / "gait.csv", solution.to_dataframe("strides"), ("start_s", "end_s", "toe_off_s", "contact_s"))
+
+
+def _write_rows(path: Path, table: pd.DataFrame, stamps: Sequence[str]) -> None:
+    for name in stamps:  # nine significant digits would blur a clock's stamps
+        table[name] = table[name].map("{:.9f}".format, na_action="ignore")
+    table.to_csv(path, index=False, float_format="%.9g")
 
 
 def write_json(path: Path, content: object) -> None:
@@ -263,6 +277,8 @@ def summarize(walk: Walk, outcome: Outcome, verdict: Verdict | None = None) -> S
         figures["polish_gap_heading_deg"] = gap.heading_deg
     verdict = judge_path(walk, solution) if verdict is None else verdict
     figures |= {"verdict": verdict.word, "reasons": list(verdict.reasons)}
+    if walk.options.mount != "pocket":
+        figures["gait"] = summarize_gait(solution.to_dataframe("strides"))[""]
     if solution.returns:
         figures["returns"] = [one.describe() for one in solution.returns]
     if walk.places is not None:
@@ -317,6 +333,7 @@ def summarize_feet(result: FeetResult) -> Summary:
     # the field in words of both feet, or of each where they differ
     words = set(fields.values())
     figures["magnetometer"] = ", ".join(words if len(words) == 1 else map(" ".join, fields.items()))
+    figures["gait"] = summarize_gait(result.to_dataframe("strides"))
     return figures | {"notes": [*result.notes, *metrics.notes]}
 
 

@@ -31,7 +31,7 @@ _SUMMARIES = ("summary.json", "comparison.json", "detect.json")
 # Every file name that a command of the library writes into the folder of a result.
 RESULT_FILES = frozenset(
     {
-        "trajectory.tum", "strides.csv", "online.csv", "summary.json", "config.json", "report.html",
+        "trajectory.tum", "strides.csv", "gait.csv", "online.csv", "summary.json", "config.json", "report.html",
         "trajectory_polished.tum", "strides_polished.csv",
         "trajectory.png", "heading.png", "gyro_bias.png", "stance_statistic.png",
         "comparison.csv", "comparison.json", "trajectories.png", "errors.png",

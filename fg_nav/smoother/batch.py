@@ -400,6 +400,7 @@ def to_solution(
     problem, solved, verdict = walk.problem, walk.solved, walk.verdict
     recording, p = problem.recording, problem.parameters
     table = mark_returns(stance_table(recording.t, problem.nodes, solved, verdict, covariances), walk.returns)
+    table = replace(table, move_cov=joint.measure_moves(problem.nodes))
     if (differential := problem.find(DifferentialFactors)) is not None:
         sigma = differential.find_sigma(problem.nodes.bias, table.nav_R_body[:, 2])
         table = replace(table, differential_sigma=sigma)

@@ -161,8 +161,8 @@ def _group_ties(root: SquareRoot, block: ResidualBlock, nodes: Nodes, products: 
     groups = Groups(
         np.full(root.total, -1),
         np.zeros((root.total, 3)),
-        columns[begins, -1],
-        np.add.reduceat(products[:, -1], begins),
+        columns[begins, -1:],
+        np.add.reduceat(products[:, -1:], begins),
     )
     groups.of_column[columns[:, :-1]] = nodes.footfall[:, None]
     groups.G[columns[:, :-1]] = products[:, :-1]

@@ -40,6 +40,7 @@ combinations c of weights w_k (4, n) and g_k = T_k^T w_k,
 
     cov(c) = g^T (R^T R)^-1 g = Y^T Y,    R^T Y = g,    cov(e_k, c) = T_k X_k,    R X = Y.
 
+Those of all moves e_k - e_(k-1) together need one pass down the triangle, a group of variables each (`square_root`).
 Numbers that the triangle does not hold move pose k by L_k a, a of unit covariance; that adds L_k sum_l L_l^T g_l.
 """
 
@@ -68,7 +69,7 @@ from fg_nav.smoother.solver import (
     pose_in_nav,
     residuals_at_minimum,
 )
-from fg_nav.smoother.square_root import SquareRoot, stack_factors
+from fg_nav.smoother.square_root import Groups, SquareRoot, stack_factors
 from fg_nav.smoother.strides import INERTIAL_KEYS, Nodes
 from fg_nav.system.compiled import njit
 
@@ -163,6 +164,39 @@ class FootfallCovariance:
         L = self.shared[at]
         pull = np.einsum("kds,kdn->sn", L, g)
         return columns.explained + pull.T @ pull, self.nav_T_body @ (columns.solve()[at] + L @ pull)
+
+    def measure_moves(self, nodes: Nodes) -> Floats:
+        """Return cov(e_k - e_(k-1)) (F, 4, 4) of successive footfalls, NaN of the first, by a pass down the tree.
+
+        The nodes between two footfalls are a path of the tree. The later footfall is in its first front; the earlier
+        one ends the path, or where it is tied to others, and so eliminated after them, is in that front too.
+        """
+        column, count = self.root.find_columns([(X(j),) for j in range(len(nodes))]), len(nodes.result) - 1
+        at, nav_T_body = column[nodes.result], self.nav_T_body
+        start, end = -np.swapaxes(nav_T_body[:-1], 1, 2), np.swapaxes(nav_T_body[1:], 1, 2)
+        # The path of each move: the nodes between, and the earlier footfall where it is eliminated before these.
+        node = np.setdiff1d(np.arange(nodes.result[0], nodes.result[-1]), nodes.result)
+        move = np.searchsorted(nodes.result, node) - 1
+        ends_path = at[:-1, 0] < column[nodes.result[:-1] + 1, 0]
+        groups = Groups(
+            np.full(self.root.total, -1),
+            np.zeros((self.root.total, 4)),
+            np.concatenate([at[1:], at[:-1]], axis=1),
+            np.concatenate([end, np.where(ends_path[:, None, None], 0.0, start)], axis=1),
+        )
+        groups.of_column[column[node]] = move[:, None]
+        groups.of_column[at[:-1][ends_path]] = np.flatnonzero(ends_path)[:, None]
+        groups.G[at[:-1][ends_path]] = start[ends_path]
+        found = self.root.quadratic_forms(groups)
+        # Without a path, both are in the front of the later footfall.
+        alone = np.flatnonzero(~ends_path & ~np.isin(np.arange(count), move))
+        if len(alone):
+            difference = np.concatenate([-nav_T_body[alone], nav_T_body[alone + 1]], axis=2)
+            pairs = [(self.keys[k], self.keys[k + 1]) for k in alone]
+            found[alone] = difference @ self.root.joint_covariances(pairs) @ np.swapaxes(difference, 1, 2)
+        # With what all moves share.
+        L = nav_T_body[1:] @ self.shared[at[1:]] - nav_T_body[:-1] @ self.shared[at[:-1]]
+        return np.concatenate([np.full((1, 4, 4), np.nan), found + L @ np.swapaxes(L, 1, 2)])
 
 
 def weigh_path(position: Floats, until: int | None = None) -> Floats:

@@ -64,8 +64,8 @@ class Groups(NamedTuple):
 
     of_column: Ints  # (N,) group of each column, -1 in none.
     G: Floats  # (N, n) of all columns.
-    common: Ints  # (F,) one column that a group has in common with others,
-    by_common: Floats  # (F, n) and G there.
+    common: Ints  # (F, c) columns that a group has in common with others, in the front where its path begins,
+    by_common: Floats  # (F, c, n) and G there.
 
 
 @njit(cache=True)
@@ -159,26 +159,27 @@ def _follow_group(
                 cross[k, n] = total / A[k, k]
     elif own >= 0:
         # A new group begins with what it has in common with others.
-        by = groups.by_common[own]
-        for k in range(len(columns)):
-            if columns[k] == groups.common[own]:
-                for n in range(sums):
-                    for j in range(len(columns)):
-                        cross[j, n] = joint[j, k] * by[n]
-                    for m in range(sums):
-                        forms[own, n, m] = joint[k, k] * by[n] * by[m]
+        for c in range(groups.common.shape[1]):
+            for k in range(len(columns)):
+                if columns[k] == groups.common[own, c]:
+                    _add_to_sums(k, groups.by_common[own, c], joint, cross, forms[own])
     if own < 0:
         return group
     # The front's own variable joins the sums.
     for k in range(d):
-        g = groups.G[columns[k]]
-        for n in range(sums):
-            for m in range(sums):
-                forms[own, n, m] += g[n] * cross[k, m] + cross[k, n] * g[m] + joint[k, k] * g[n] * g[m]
-        for n in range(sums):
-            for j in range(len(columns)):
-                cross[j, n] += joint[j, k] * g[n]
+        _add_to_sums(k, groups.G[columns[k]], joint, cross, forms[own])
     return int(own)
+
+
+@njit(cache=True)
+def _add_to_sums(k: int, g: Floats, joint: Floats, cross: Floats, form: Floats) -> None:
+    """Add column k of a front times g (n,) to the sums: to their covariance `form`, and with the front to `cross`."""
+    for n in range(len(g)):
+        for m in range(len(g)):
+            form[n, m] += g[n] * cross[k, m] + cross[k, n] * g[m] + joint[k, k] * g[n] * g[m]
+    for n in range(len(g)):
+        for j in range(len(cross)):
+            cross[j, n] += joint[j, k] * g[n]
 
 
 @njit(cache=True)
@@ -269,7 +270,9 @@ class SquareRoot:
         wanted = np.full(self.total, -1)
         wanted[columns.min(axis=1)] = np.arange(len(columns))
         found = np.zeros((*columns.shape, columns.shape[1]))
-        none = Groups(np.full(self.total, -1), np.zeros((self.total, 1)), np.zeros(0, np.int64), np.zeros((0, 1)))
+        none = Groups(
+            np.full(self.total, -1), np.zeros((self.total, 1)), np.zeros((0, 1), np.int64), np.zeros((0, 1, 1))
+        )
         spread_covariance(self._fronts, Wanted(wanted, columns, found), none, np.zeros((0, 1, 1)))
         return found
 

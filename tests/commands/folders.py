@@ -10,7 +10,7 @@ from fg_nav.io import write_tum
 from fg_nav.recording import Recording
 from fg_nav.truth import TrajectoryTruth
 
-METHOD_FILES = {"trajectory.tum", "strides.csv", "summary.json", "config.json"}
+METHOD_FILES = {"trajectory.tum", "strides.csv", "gait.csv", "summary.json", "config.json"}
 PICTURES = {"trajectory.png", "heading.png", "gyro_bias.png"}
 
 

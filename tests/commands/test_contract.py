@@ -35,7 +35,9 @@ def part(mount: str) -> Recording:
 def keeps_the_contract(folder: Path, recording: Recording, method: Method) -> bool:
     """Files of one method on one recording are all there and agree with it, and with each other."""
     online = {"online.csv"} if method.name == "online" else set()
-    assert names(folder) - {"report.html"} - PICTURES == METHOD_FILES | online
+    of_thigh = {"gait.csv"} if method.mount == "pocket" else set()
+    assert names(folder) - {"report.html"} - PICTURES == METHOD_FILES - of_thigh | online
+    assert ("gait" in summary(folder)) == (not of_thigh)
     said, path = summary(folder), np.loadtxt(folder / "trajectory.tum")
     position = strides(folder)[["x_m", "y_m", "z_m"]].to_numpy()
     assert said["method"] == method.name

@@ -21,7 +21,7 @@ from tests.commands.folders import config, strides, summary
 
 FILES = {
     *("trajectory.tum", "trajectory_left.tum", "trajectory_right.tum", "strides_left.csv", "strides_right.csv"),
-    *("person.csv", "summary.json", "config.json"),
+    *("person.csv", "gait.csv", "summary.json", "config.json"),
 }
 OTHER = {"left": "right", "right": "left"}
 
@@ -78,9 +78,16 @@ def test_both_feet_are_one_walk(fg_nav: FgNav, run: Any, walked: Path) -> None:
     for table in ("person.csv", "strides_left.csv", "strides_right.csv"):
         assert tuple(strides("out", table).columns) == STRIDE_COLUMNS
     assert said["strides"] == len(strides("out", "person.csv")) - 1
+    # strides and steps of both feet, and the same means in summary and page
+    table, page = strides("out", "gait.csv"), Path("out/report.html").read_text()
+    for side, steady in table[table["steady"]].groupby("foot"):
+        mean, sd = (said["gait"][side][name] for name in ("mean", "sd"))
+        assert said["gait"][side]["strides"] == len(steady) > 20
+        assert steady["step_length_m"].mean() == pytest.approx(mean["step_length_m"], rel=1e-6)
+        assert f"<td>{mean['step_width_m']:.2f}\u00a0±\u00a0{sd['step_width_m']:.2f}</td>" in page
+    assert f"step time {said['gait']['asymmetry_percent']['step_time_s']:+.1f} %" in page
     assert config("out")["left"]["recording"] == recordings[0]
     assert config("out")["parameters"]
-    page = Path("out/report.html").read_text()
     assert all(f'id="chart-{name}"' in page for name in ("path", "distance", "height", "sigma", "heading", "errors"))
     # and is what other programs are given
     exported = fg_nav("export", "out", "walk.geojson", "walk.tum", "--origin", "48.1,11.5")
@@ -153,6 +160,7 @@ def test_a_sensor_that_fails_leaves_the_other_foot_intact(fg_nav: FgNav, run: An
     said = summary("out")
     assert names(Path("out")) == FILES - {"trajectory_right.tum", "strides_right.csv"}
     assert said["right"] is None
+    assert set(strides("out", "gait.csv")["foot"]) == said["gait"].keys() == {"left"}
     assert said["left"]["distance_m"] == said["distance_m"] == pytest.approx(summary("alone")["distance_m"], abs=1e-9)
     assert Path("out/trajectory_left.tum").read_text() == Path("alone/trajectory.tum").read_text()
     assert said["left"]["rmse_2d_m"] == pytest.approx(said["rmse_2d_m"], abs=1e-9)

@@ -1,6 +1,7 @@
 """The command line from end to end, on the demonstration walk."""
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -88,6 +89,9 @@ def test_compare_draws_methods_side_by_side(fg_nav: FgNav, files: Path) -> None:
     assert ran.code == 0, ran.err
     pictures = {"trajectories.png", "errors.png", "stance_statistic.png"}
     shared = {"comparison.csv", "comparison.json", "report.html", *pictures}
+    means = [summary(f"out/{name}")["gait"]["mean"]["length_m"] for name in ("smoother", "iez")]
+    cells = "".join(f"<td>{mean:.2f}\u00a0±\u00a0[0-9.]+</td>" for mean in means)
+    assert re.search(f"stride length \\(m\\)</th>{cells}", Path("out/report.html").read_text())
     assert names(Path("out")) == shared | {"smoother", "iez"}
     assert names(Path("out/smoother")) == names(Path("out/iez")) == METHOD_FILES | PICTURES
     assert all(word in ran.out for word in ("smoother", "iez", "max error (m)"))

@@ -43,7 +43,7 @@ def test_lines_and_files_of_both_feet_and_of_the_person(fg_nav) -> None:
     kinds = ("trajectory_{}.tum", "strides_{}.csv", "online_{}.csv")
     of_feet = {kind.format(side) for side in SIDES for kind in kinds}
     assert names(Path("mine")) == {
-        *("trajectory.tum", "person.csv", "summary.json", "config.json", "report.html"), *of_feet,
+        *("trajectory.tum", "person.csv", "gait.csv", "summary.json", "config.json", "report.html"), *of_feet,
     }  # fmt: skip
     said = summary("mine")
     assert said["width_m"] == pytest.approx(demo_feet().step_width_m, abs=0.15)

@@ -18,6 +18,7 @@ from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother import feet as feet_module
 from fg_nav.smoother.batch import WalkInput, fit_walk
 from fg_nav.smoother.graph import WalkProblem
+from fg_nav.smoother.sensitivity import FootfallCovariance
 from fg_nav.smoother.solver import find_minimum
 from fg_nav.smoother.square_root import DIMENSION
 from tests.feet.walks import both, demo_feet, feet, truth_of
@@ -149,6 +150,20 @@ def test_where_no_steps_tie_the_feet_pairs_of_footfalls_hold_what_they_differ_by
     free = np.setdiff1d(np.arange(len(tables[0]) - 1), ties.right)[5]
     key = np.uint64(X(int(watched.problem.right.nodes.result[free]))) + feet_module.RIGHT
     assert_like(tables[0][free], dense(np.array([key])))
+
+
+def test_moves_of_each_foot_have_the_covariance_of_their_ends() -> None:
+    """Where footfalls are tied to the other foot's, and so eliminated last, beside others, or with no node between."""
+    both_feet = solved()
+    shared = 1e-3 * np.random.default_rng(2).standard_normal((both_feet.minimum.root.total, 2))
+    for one, problem in ((both_feet.right, both_feet.problem.right), (both_feet.left, both_feet.problem.left)):
+        joint = FootfallCovariance.of(one, problem.nodes, shared)
+        moves = joint.measure_moves(problem.nodes)
+        for k in range(1, len(moves)):
+            ends = np.zeros((len(moves), 4, 4))
+            ends[k - 1], ends[k] = -np.eye(4), np.eye(4)
+            expected = joint.combine(ends)[0]
+            np.testing.assert_allclose(moves[k], expected, rtol=1e-6, atol=1e-8 * np.abs(expected).max())
 
 
 def test_between_ties_that_are_far_apart_a_pair_is_watched_every_15_s(monkeypatch) -> None:

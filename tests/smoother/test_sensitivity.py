@@ -54,6 +54,13 @@ def test_shared_columns_and_the_covariance_of_footfalls_are_those_of_dense_matri
     flat, C = weights.reshape(-1, 3), C @ C.T
     assert covariance == pytest.approx(flat.T @ C @ flat, rel=1e-6)
     assert cross.reshape(-1, 3) == pytest.approx(C @ flat, rel=1e-5, abs=1e-6 * np.abs(C @ flat).max())
+    # And of the moves from one to the next.
+    moves = joint.measure_moves(problem.nodes)
+    assert np.isnan(moves[0]).all()
+    for k in range(1, len(T)):
+        difference = np.eye(len(C))[4 * k : 4 * k + 4] - np.eye(len(C))[4 * k - 4 : 4 * k]
+        expected = difference @ C @ difference.T
+        assert moves[k] == pytest.approx(expected, rel=1e-5, abs=1e-6 * np.abs(expected).max())
 
 
 def test_weights_of_a_path_are_the_derivatives_of_its_length() -> None:

@@ -1,7 +1,7 @@
 """`report.html`: one self-contained page of a result (docs/files.md).
 
-It has the verdict, the path, the figures of merit, sections with sentences and charts, remarks and parameters. A
-section without a chart is left out.
+It has the verdict, the path, the figures of merit, sections with sentences, charts and tables, remarks and parameters.
+A section with neither chart nor table is left out.
 
 plotly.js (its basic bundle, MIT licence, in `LICENSE-plotly.txt`) stands in the page; it is packed in the package, and
 the figures are plain dictionaries, so no other package is needed. A policy in the page forbids every request, and all
@@ -72,14 +72,30 @@ _HERE = Path(__file__).parent
 _KINDS = {"imu": "inertial", "direction": "direction of the building", "own": "your own"}  # Others as they are named.
 
 
+GAIT = (
+    ("length_m", "stride length (m)", "{:.2f}", 1.0),
+    ("duration_s", "stride duration (s)", "{:.2f}", 1.0),
+    ("speed_m_s", "speed (m/s)", "{:.2f}", 1.0),
+    ("cadence_steps_min", "cadence (steps/min)", "{:.1f}", 1.0),
+    ("stance_share", "stance (%)", "{:.1f}", 100.0),
+    ("clearance_m", "sensor clearance (cm)", "{:.1f}", 100.0),
+    ("turning_deg", "turn (° clockwise)", "{:z.1f}", 1.0),
+    ("step_length_m", "step length (m)", "{:.2f}", 1.0),
+    ("step_width_m", "step width (m)", "{:.2f}", 1.0),
+    ("step_time_s", "step time (s)", "{:.2f}", 1.0),
+)
+"""Gait parameters in their order: key, words, format, and factor of the unit."""
+
+
 @dataclass(frozen=True)
 class Section:
-    """A part of the page: its anchor, title, sentences and charts."""
+    """A part of the page: its anchor, title, sentences, table and charts."""
 
     name: str
     title: str
     words: Sequence[str] = ()
     charts: Sequence[Chart] = ()
+    table: Sequence[Sequence[str]] = ()  # Its head first.
 
 
 @dataclass(frozen=True)
@@ -155,7 +171,9 @@ def compose_page(
         columns=list(columns),
         table=tabulate_figures(list(columns.values())),
         table_title="The person and each foot" if both else "Methods side by side" if several else "All figures",
-        sections=[section for section in _draw_sections(outcomes, walks, both) if section.charts],
+        sections=[
+            one for one in _draw_sections(outcomes, walks, both, _describe_gait(summaries, both)) if one.charts or one.table
+        ],
         remarks=group_notes(collect_notes([{**one, "method": name} for name, one in columns.items()])),
         configs=configs,
     )
@@ -182,7 +200,7 @@ def _choose_highlights(summary: Mapping[str, Any]) -> list[tuple[str, Cell, str]
 
 
 def _draw_sections(
-    outcomes: Mapping[str, Outcome], walks: Mapping[str, Walk], both: FeetResult | None
+    outcomes: Mapping[str, Outcome], walks: Mapping[str, Walk], both: FeetResult | None, gait: Sequence[Section]
 ) -> list[Section]:
     """Draw the sections, each with its sentences; of two feet without graph, stances, field and returns."""
     walk = next(iter(walks.values()), None)
@@ -206,7 +224,7 @@ def _draw_sections(
     errors = Section("errors", "Errors", words, [draw_errors(compared)] if compared else [])
     if both is not None:
         heading = Section("heading", "Heading", [], [draw_headings(people)])
-        return [path, _draw_distance(both), height, sigma, bias, heading, errors]
+        return [path, *gait, _draw_distance(both), height, sigma, bias, heading, errors]
     # the graph
     words = describe_graph({name: view.solution for name, view in views.items()})
     with_graph = next((view for view in views.values() if view.solution.graph), first)
@@ -227,7 +245,28 @@ def _draw_sections(
     if more := len(recognized) - len(words):
         words.append(f"{format_count(more, 'more return')} of {recognized[MAX_RETURNS].length_m:.0f} m or less.")
     returns = Section("returns", "Places recognized", words, draw_returns(recognized[:MAX_RETURNS]))
-    return [path, graph, height, sigma, stances, bias, *_draw_field(views, walk), returns, errors]
+    return [path, *gait, graph, height, sigma, stances, bias, *_draw_field(views, walk), returns, errors]
+
+
+def _describe_gait(summaries: Sequence[Mapping[str, Any]], both: FeetResult | None) -> list[Section]:
+    """Tabulate the means of the gait parameters of each method, or of each foot; nothing of a few strides."""
+    known = {str(one["method"]): one.get("gait", {}) for one in summaries} if both is None else summaries[0]["gait"]
+    means = {name: of for name, of in known.items() if "mean" in of}
+    if not means:
+        return []
+    table = [["mean ± sd", *means], ["strides", *(str(of["strides"]) for of in means.values())]]
+    for key, words, pattern, times in GAIT:
+        if any(key in of["mean"] for of in means.values()):
+            both_of = ((of["mean"].get(key, np.nan), of["sd"].get(key, np.nan)) for of in means.values())
+            table.append(
+                [words, *("\u00a0±\u00a0".join(pattern.format(times * one) for one in pair) for pair in both_of)]
+            )
+    said = ["Over strides with one before and one after, without turns; each stride is in gait.csv."]
+    if asymmetry := known.get("asymmetry_percent"):
+        names = {key: words.partition(" (")[0] for key, words, _, _ in GAIT}
+        parts = (f"{names[key]} {value:+.1f} %" for key, value in asymmetry.items())
+        said.append(f"Asymmetry, right less left over the mean of both: {', '.join(parts)}.")
+    return [Section("gait", "Gait", said, table=table)]
 
 
 def _draw_field(views: Mapping[str, AlignedSolution], walk: Walk | None) -> list[Section]:
