@@ -6,6 +6,8 @@ import difflib
 import errno
 import json
 import math
+import re
+import shlex
 import typing
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -172,3 +174,14 @@ def find_version() -> str:
         return metadata.version("fg-nav")
     except metadata.PackageNotFoundError:
         return "unknown (not installed)"
+
+
+def suggest_install(extra: str) -> str:
+    """Return the command that installs what an extra brings: by the packages' names, which need no checkout of ours."""
+    from importlib import metadata
+
+    try:
+        needed = [re.match(rf"(.+?) *; *extra == .{extra}.$", one) for one in metadata.requires("fg-nav") or ()]
+    except metadata.PackageNotFoundError:
+        needed = []
+    return shlex.join(["pip", "install", *([one[1] for one in needed if one] or [f".[{extra}]"])])
