@@ -122,7 +122,7 @@ def run_golden(data: Path, made: Path, folder: Path, golden: tuple[str, str]) ->
     words = [re.sub(r"^(DATA|CASES|MADE)(?=/)", lambda m: places[m[0]], word) for word in shlex.split(command)]
     with tempfile.TemporaryDirectory() as place:
         if words[0] == "stream":
-            line = [sys.executable, "-m", "fg_nav.cli", *words]
+            line = [sys.executable, "-m", "fg_nav", *words]
             done = subprocess.run(line, cwd=place, capture_output=True, text=True, check=False)
             answer = done.returncode, done.stdout, done.stderr
         else:

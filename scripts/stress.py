@@ -118,7 +118,7 @@ class Follower:
     highest_mb: float = 0.0
 
     def __post_init__(self) -> None:
-        command, pipe = [sys.executable, "-m", "fg_nav.cli", "stream", self.source, *self.words], subprocess.PIPE
+        command, pipe = [sys.executable, "-m", "fg_nav", "stream", self.source, *self.words], subprocess.PIPE
         self.process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL)
         assert self.process.stdin is not None
         self.stdin = self.process.stdin

@@ -265,7 +265,7 @@ def test_ctrl_c_ends_the_campaign_and_its_workers_and_the_same_command_goes_on(t
     """All processes of a terminal get the signal; only the campaign prints a sentence."""
     out = tmp_path / "out"
     plan.write_text(PLAN.replace("seeds = 2", "seeds = 1000"))
-    words = ["-m", "fg_nav.cli", "lab", "campaign", str(plan), "--out", str(out), "--workers", "1"]
+    words = ["-m", "fg_nav", "lab", "campaign", str(plan), "--out", str(out), "--workers", "1"]
     variables = os.environ | {"PYTHONPATH": str(ROOT)}
     first = subprocess.Popen([sys.executable, *words], env=variables, start_new_session=True, stderr=-1, text=True)
     while first.poll() is None and not any((out / RESULTS_FOLDER).glob("*.json")):
