@@ -9,6 +9,7 @@ that changes with each switch-on; the smoother begins with it, and every estimat
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -44,6 +45,8 @@ Mount: TypeAlias = Literal["foot", "pocket"]  # Where the sensor is worn.
 Magnetic: TypeAlias = Literal["all", "card"]  # Which factors of the field the graph has.
 
 OWN_GNSS = Path("own")  # in place of a file of GNSS fixes: those in the recording itself
+
+LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -177,6 +180,10 @@ def read_walk(path: Path | str | Recording, options: Options = Options(), readin
             raise EstimationError("the recording is of no file, so it has no Location.csv: give the file of the fixes.")
         gnss = read_gnss(source if options.gnss_path == OWN_GNSS and source else options.gnss_path)
     recording = path if isinstance(path, Recording) else reading.read(path)
+    known = recording.provenance
+    rate = f"{len(recording)} samples of format {known.format} at {1.0 / recording.period_s:.4g} Hz"
+    for words in (f"{known.path or 'arrays'}: {rate}", *known.notes):
+        LOG.info(words)
     recording = recording if truth is None else replace(recording, truth=truth)
     return replace(Walk.of(recording, options, calibration), fixes=fixes, gnss=gnss, places=places)
 
@@ -314,4 +321,6 @@ def evaluate_solution(walk: Walk, solution: Solution) -> Outcome:
         comparison = moment = None
         metrics = evaluate(solution)
         metrics = replace(metrics, notes=(*metrics.notes, f"truth left out: {error}"))
+    for words in metrics.notes:
+        LOG.info(words)
     return Outcome(solution, metrics, comparison, used, moment, polished)

@@ -73,10 +73,10 @@ def add_command(verbs: typer.Typer, form: type[Request]) -> None:
 
 
 def answer(request: Request, verb: Callable[[Any], Answer]) -> None:
-    """Run a verb, quietly if that was asked for, and print its answer."""
-    from fg_nav.report.terminal import hush
+    """Run a verb, log what it says, and print its answer."""
+    from fg_nav.report.terminal import log_records
 
-    with hush(request.quiet):
+    with log_records(request.quiet, request.verbose, request.log):
         found = verb(request)
         if request.json:
             from fg_nav.text import to_json

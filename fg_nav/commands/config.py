@@ -7,6 +7,7 @@ distance belong to a recording: they are taken for the one that the configuratio
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -87,7 +88,8 @@ class Config(BaseModel):
         taken = {key: value for key, value in own.items() if value is not None and getattr(options, key) is None}
         if taken and (self.recording is None or Path(self.recording).resolve() != recording.resolve()):
             names = ", ".join(key.rpartition("_")[0] for key in taken)
-            remark(f"note: the configuration is of {self.recording}: its {names} left out for {recording}")
+            words = f"note: the configuration is of {self.recording}: its {names} left out for {recording}"
+            remark(words, logging.WARNING)
             return options
         return replace(options, **taken)  # type: ignore[arg-type]
 

@@ -89,7 +89,7 @@ def option(
     panel: str, help: str, metavar: str | None = None, default: Any = None, name: str | None = None, **others: Any
 ) -> Any:
     """Return a field that is an option in a group of the help, named as the field; `others` as of `typer.Option`."""
-    names = () if name is None else (name,)
+    names = () if name is None else name.split(",")
     info = typer.Option(default, *names, metavar=metavar, help=help, rich_help_panel=panel, **others)
     return field(default=MISSING if default is ... else default, metadata={"typer": info})
 
@@ -107,6 +107,11 @@ class Request:
 
     json: bool = flag(OUTPUT, "Print one JSON document, for scripts, and nothing else on standard output.", "--json")
     quiet: bool = flag(OUTPUT, "Print nothing but errors.", "--quiet")
+    verbose: int = option(
+        OUTPUT, "Say what is found in the recording as it is found; -vv each solution too.", None, 0, "--verbose,-v",
+        count=True,
+    )  # fmt: skip
+    log: Path | None = option(OUTPUT, "Log all that into a file, with times and levels; at its end.", "FILE")
 
 
 @dataclass(kw_only=True, repr=False, eq=False)

@@ -1,10 +1,12 @@
-"""Figures of merit as tables, printed output, and progress on a terminal only.
+"""Figures of merit as tables, printed output, remarks and log records, and progress on a terminal only.
 
 In a pipe all is plain text, lines unbroken.
 """
 
 from __future__ import annotations
 
+import logging
+import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -18,6 +20,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
+from fg_nav.errors import FgNavError, OutputError, describe_reason
 from fg_nav.report import REPORT
 from fg_nav.text import format_count
 
@@ -81,25 +84,66 @@ def collect_notes(summaries: Sequence[Mapping[str, object]]) -> list[tuple[str, 
     return [("", note) for note in shared] + own
 
 
-_hushed = False  # Whether only errors are printed (`hush`); of the process, as its threads print too.
+# --- remarks: the loggers `fg_nav.*` ----------------------------------------------------------------------------------
+
+REMARKS = logging.getLogger("fg_nav.remarks")  # What a command says as it goes on, also without -v.
+LEVELS = (logging.WARNING, logging.INFO, logging.DEBUG)  # Of all other loggers on the terminal: plain, -v, -vv.
+LINE = "%(asctime)s %(levelname)s %(name)s: %(message)s"  # Of a log file.
+
+_hushed = False  # Whether only errors are printed; of the process, as its threads print too.
+
+
+class TerminalHandler(logging.Handler):
+    """Prints remarks, and of other loggers what is at `least` of this level, on standard error; not errors."""
+
+    def __init__(self, least: int) -> None:
+        super().__init__()
+        self._least = least
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print a record; a closed output is ignored."""
+        least = min(self._least, logging.INFO) if record.name == REMARKS.name else self._least
+        if not _hushed and least <= record.levelno < logging.ERROR:
+            with suppress(OSError):
+                print(self.format(record), file=sys.stderr, flush=True)  # noqa: T201
 
 
 @contextmanager
-def hush(quiet: bool) -> Iterator[None]:
-    """While the block runs, print no remarks and no progress, if `quiet`."""
+def log_records(quiet: bool, verbose: int = 0, file: Path | None = None) -> Iterator[None]:
+    """While the block runs, log to the terminal unless `quiet`, and to a file all levels and why it failed.
+
+    Raises `OutputError` if the file cannot be opened.
+    """
     global _hushed
-    _hushed, before = quiet, _hushed
+    least = LEVELS[min(verbose, len(LEVELS) - 1)]
+    handlers: list[logging.Handler] = [TerminalHandler(least)]
+    if file is not None:
+        try:
+            handlers.append(logging.FileHandler(file, encoding="utf-8", errors="backslashreplace"))
+        except OSError as error:
+            raise OutputError(f"{file} cannot be written ({describe_reason(error)}): name another --log.") from None
+        handlers[1].setFormatter(logging.Formatter(LINE))
+    top, (_hushed, before) = logging.getLogger("fg_nav"), (quiet, _hushed)
+    top.setLevel(min(least, logging.INFO) if file is None else logging.DEBUG)
+    for handler in handlers:
+        top.addHandler(handler)
+    top.debug("fg-nav %s", shlex.join(sys.argv[1:]))
     try:
         yield
+    except Exception as error:
+        top.error(" ".join(str(error).split()), exc_info=not isinstance(error, FgNavError | OSError))
+        raise
     finally:
         _hushed = before
+        top.setLevel(logging.NOTSET)
+        for handler in handlers:
+            top.removeHandler(handler)
+            handler.close()
 
 
-def remark(words: str) -> None:
-    """Print a sentence for people on standard error; a closed one is ignored."""
-    if not _hushed:
-        with suppress(OSError):
-            print(words, file=sys.stderr, flush=True)  # noqa: T201
+def remark(words: str, level: int = logging.INFO) -> None:
+    """Say a sentence to people on standard error, and in a log file."""
+    REMARKS.log(level, words)
 
 
 def console() -> Console:

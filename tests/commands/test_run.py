@@ -227,6 +227,25 @@ def test_inspect_gives_figures_and_a_verdict(fg_nav: FgNav, files: Path) -> None
     assert json.loads(told.err)["error"] == json.loads(told.out)["refusal"] == ran.err.removeprefix("fg-nav: ").strip()
 
 
+def test_remarks_are_logged_as_they_come_by_level(fg_nav: FgNav, files: Path) -> None:
+    """Plain runs print none of those of the result; a file has them all, and why a run failed, also of a quiet one."""
+    run = ("run", files / "part.csv", "--method", "inertial", "--plots", "none")
+    ran = fg_nav(*run, "-v", "--out", "out")
+    notes = summary("out")["notes"]
+    assert ran.err.splitlines()[0] == f"{files / 'part.csv'}: 4000 samples of format canonical at 200 Hz"
+    assert set(notes) <= set(ran.err.splitlines())
+    assert "Gauss-Newton: " not in ran.err
+    assert "Gauss-Newton: " in fg_nav(*run, "-vv", "--out", "more").err
+    quiet = fg_nav(*run, "--quiet", "--log", "log.txt", "--out", "quiet")
+    assert (quiet.code, quiet.out, quiet.err) == (0, "", "")
+    assert fg_nav(*run, "--log", "log.txt", "--out", "quiet").refused("already holds a result")
+    lines = [line.split(" ", 3)[2:] for line in Path("log.txt").read_text().splitlines()]
+    assert {level for level, _ in lines} == {"DEBUG", "INFO", "ERROR"}
+    assert set(notes) <= {words.partition(": ")[2] for level, words in lines if level == "INFO"}
+    assert lines[-1][1].startswith("fg_nav: quiet already holds a result")
+    assert fg_nav(*run, "--log", "no/log.txt").refused("no/log.txt cannot be written", "another --log")
+
+
 def test_pipes_get_plain_text_and_silence(files: Path, tmp_path: Path) -> None:
     odd = tmp_path / "Zürich.csv"
     odd.write_bytes((files / "part.csv").read_bytes())
