@@ -296,6 +296,9 @@ class InspectRequest(ReadingOptions, BarometerOptions, Request):
     verb = "fg_nav.commands.inspect:inspect"
 
     files: list[Path] = argument("FILE...", "Files with a recording each.")
+    mount: Literal["foot", "pocket"] | None = option(
+        WALK, "Where the sensor was worn. \\[default: where it turns like it; else on a foot]"
+    )
 
 
 @dataclass(kw_only=True, repr=False, eq=False)
@@ -384,12 +387,14 @@ class CompareRequest(WalkOptions):
     verb = "fg_nav.commands.run:compare"
 
     recording: Path = argument("RECORDING", "File with the recording.")
-    methods: str = option(
+    methods: str | None = option(
         METHOD,
-        f"Methods, with commas between: {METHOD_NAMES}.",
+        f"Methods, with commas between: {METHOD_WORDS} \\[default: smoother,iez, or pocket,munoz-diaz2017]",
         "A,B",
-        default="smoother,iez",
-        autocompletion=complete_foot_methods,
+        autocompletion=complete_methods,
+    )
+    mount: Literal["foot", "pocket"] = option(
+        WALK, "Where the sensor was worn; a pocket is one of trousers.", default="foot"
     )
 
 

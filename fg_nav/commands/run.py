@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -51,6 +51,9 @@ RESULT_COLUMNS = {
     "files": lambda content: str(content["folder"]),
 }
 """Of the table of several recordings."""
+
+COMPARED: Mapping[Mount, str] = {"foot": "smoother,iez", "pocket": "pocket,munoz-diaz2017"}
+"""Methods that are compared where none were named."""
 
 
 def run(request: RunRequest) -> Answer:
@@ -192,9 +195,11 @@ def run_feet(request: RunRequest, method: Method, options: Options) -> Answer:
 
 def compare(request: CompareRequest) -> Answer:
     """Run several methods on a recording, and return their summaries."""
-    methods = [find_method(name) for name in dict.fromkeys(word.strip() for word in request.methods.split(","))]
+    words = COMPARED[request.mount] if request.methods is None else request.methods
+    methods = [find_method(name, request.mount) for name in dict.fromkeys(word.strip() for word in words.split(","))]
     refuse_misfits(request, methods)
-    options = replace(choose_options(request), changes=_choose_changes(request, methods, "foot"))
+    changes = _choose_changes(request, methods, request.mount)
+    options = replace(choose_options(request), mount=request.mount, changes=changes)
     if request.config is not None:
         options = request.config.bind(options, request.recording)
     with Target(request.out, request.force, f"{name_walk(request.recording)}-compare") as target:

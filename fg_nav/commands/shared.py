@@ -137,7 +137,7 @@ def refuse_misfits(request: Request, methods: Sequence[Method] = (), recordings:
     """Raise `EstimationError` for the first option of a request that does not fit its mount, methods or recordings."""
     from fg_nav.walk import OWN_GNSS  # of every recording its own
 
-    mount, no_mag = getattr(request, "mount", "foot"), getattr(request, "no_mag", False)
+    mount, no_mag = getattr(request, "mount", None) or "foot", getattr(request, "no_mag", False)
     names = {"right": "a second source", "settings": "--set"}
     for item in fields(request):
         value, where = getattr(request, item.name), APPLIES.get(item.name)

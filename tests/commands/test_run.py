@@ -11,7 +11,7 @@ import pytest
 from fg_nav import pipeline
 from fg_nav.commands.shared import name_walk
 from fg_nav.io import write_canonical
-from fg_nav.lab.simulation import simulate
+from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.recording import Recording
 from fg_nav.report import page
 from fg_nav.walk import Walk
@@ -255,6 +255,21 @@ def test_pipes_get_plain_text_and_silence(files: Path, tmp_path: Path) -> None:
         assert (ran.code, ran.err) == (0, "")
         assert not set("\x1b━┃│╭") & set(ran.out)
         assert ("Z\\xfcrich.csv" if odd in arguments else "out") in ran.out
+
+
+def test_a_pocket_is_inspected_and_its_methods_compared(fg_nav: FgNav) -> None:
+    write_canonical(
+        simulate("demo", 103, Choices(worn="pocket", rate_hz=100.0)).recording.slice(0, 3500), Path("a.csv")
+    )
+    ran = fg_nav("inspect", "a.csv")
+    assert "trusted: it can be navigated with, as that of a trouser pocket (--mount pocket)." in ran.out
+    assert json.loads(fg_nav("inspect", "a.csv", "--mount", "foot", "--json").out)["refusal"].startswith(
+        "the sensor was"
+    )
+    assert fg_nav("compare", "a.csv").refused("the sensor was in a trouser pocket", "--mount pocket")
+    ran = fg_nav("compare", "a.csv", "--mount", "pocket", "--plots", "none", "--out", "out", "--json")
+    assert [one["method"] for one in json.loads(ran.out)["methods"]] == ["pocket", "munoz-diaz2017"]
+    assert config("out/pocket")["given"]["mount"] == "pocket"
 
 
 @pytest.mark.parametrize("option", ["--help", "--version"])
