@@ -78,6 +78,10 @@ class Config(BaseModel):
             "step_constant": given.step_constant_m,
         }
 
+    def is_of(self, recording: Path) -> bool:
+        """Whether it was written for this recording."""
+        return self.recording is not None and Path(self.recording).resolve() == recording.resolve()
+
     def bind(self, options: Options, recording: Path) -> Options:
         """Return the options, completed by what belongs to the recording where this was written for it."""
         given = self.given
@@ -86,7 +90,7 @@ class Config(BaseModel):
             for name, file in (("fixes", given.fixes), ("gnss", given.gnss), ("truth", given.truth))
         }
         taken = {key: value for key, value in own.items() if value is not None and getattr(options, key) is None}
-        if taken and (self.recording is None or Path(self.recording).resolve() != recording.resolve()):
+        if taken and not self.is_of(recording):
             names = ", ".join(key.rpartition("_")[0] for key in taken)
             words = f"note: the configuration is of {self.recording}: its {names} left out for {recording}"
             remark(words, logging.WARNING)

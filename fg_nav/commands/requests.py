@@ -271,6 +271,9 @@ class WalkOptions(
         default=PRESETS[0],
         autocompletion=complete_by(lambda: PRESETS),
     )
+    no_truth: bool = flag(
+        WALK, "Leave out truth.tum or NAME.truth.tum beside the recording, which else is its truth.", "--no-truth"
+    )
     config: Any = option(
         METHOD,
         "Do as this config.json of a result says; other options still win.",

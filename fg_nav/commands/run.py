@@ -19,6 +19,7 @@ from fg_nav.commands.shared import (
     answer_each,
     choose_options,
     choose_reading,
+    find_truth,
     name_walk,
     refuse_misfits,
     run_methods,
@@ -107,6 +108,13 @@ def _choose_changes(request: RunRequest | CompareRequest, methods: Sequence[Meth
     return choose_changes(request.config, request.settings or (), methods, mount, request.preset)
 
 
+def _wants_truth(request: RunRequest | CompareRequest, recording: Path) -> bool:
+    """Whether a truth beside a recording is to be looked for: not again where a configuration is of it."""
+    if request.no_truth and request.truth is not None:
+        raise EstimationError("--truth and --no-truth contradict each other: give one of them.")
+    return not request.no_truth and not (request.config is not None and request.config.is_of(recording))
+
+
 def _run_one(request: RunRequest, method: Method, options: Options, recording: Path, out: Path | None) -> Answer:
     """Navigate with one recording, and return the summary."""
     force = request.force and (out is not None or request.save_places is None)
@@ -115,6 +123,8 @@ def _run_one(request: RunRequest, method: Method, options: Options, recording: P
         options = request.config.bind(options, recording)
     with target, progress(method.name) as report:
         walk = read_walk(recording, options, choose_reading(request))
+        if _wants_truth(request, recording):
+            walk = find_truth(walk, recording)
         if request.save_places is not None:
             require_mag(walk)  # before the work
         result = navigate(walk, method.name, progress=report)
@@ -166,7 +176,7 @@ def run_feet(request: RunRequest, method: Method, options: Options) -> Answer:
     if len(recordings) != 2 or (in_one and readings[0] == readings[1]):
         given = "the same one twice" if in_one else f"{len(recordings)} of them"
         raise EstimationError(f"--mount feet takes two recordings, one of each foot, and was given {given}.")
-    truths = split_files("--truth", request.truth)
+    truths, wants_truth = split_files("--truth", request.truth), _wants_truth(request, recordings[0]) and not in_one
     calibrations = split_files("--calibration", request.calibration)
     # Sides by the names of the sensors, where they say them.
     words = "".join(sensors).lower()
@@ -179,6 +189,8 @@ def run_feet(request: RunRequest, method: Method, options: Options) -> Answer:
         for path, one, truth, calibration in zip(recordings, readings, truths, calibrations, strict=True):
             own = replace(options, heading_deg=None, truth_path=truth, calibration_path=calibration)
             walks.append(read_walk(path, own, one))
+        found = [find_truth(*one, alone=False) for one in zip(walks, recordings, strict=True) if wants_truth]
+        walks = found if found and all(walk.truth is not None for walk in found) else walks
         result = navigate_feet(
             walks[0],
             walks[1],
@@ -200,10 +212,12 @@ def compare(request: CompareRequest) -> Answer:
     refuse_misfits(request, methods)
     changes = _choose_changes(request, methods, request.mount)
     options = replace(choose_options(request), mount=request.mount, changes=changes)
+    wants_truth = _wants_truth(request, request.recording)
     if request.config is not None:
         options = request.config.bind(options, request.recording)
     with Target(request.out, request.force, f"{name_walk(request.recording)}-compare") as target:
-        walk = prepare_walk(read_walk(request.recording, options, choose_reading(request)))
+        walk = read_walk(request.recording, options, choose_reading(request))
+        walk = prepare_walk(find_truth(walk, request.recording) if wants_truth else walk)
         outcomes = run_methods(walk, [one.name for one in methods])
         with target.open() as folder:
             summaries = write_comparison(folder, walk, outcomes, request.plots)

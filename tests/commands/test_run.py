@@ -246,6 +246,31 @@ def test_remarks_are_logged_as_they_come_by_level(fg_nav: FgNav, files: Path) ->
     assert fg_nav(*run, "--log", "no/log.txt").refused("no/log.txt cannot be written", "another --log")
 
 
+def test_a_truth_beside_a_recording_is_taken_where_it_belongs(fg_nav: FgNav, demo: Recording) -> None:
+    """`truth.tum` of the only recording, or of one among others that begins and ends with it; `NAME.truth.tum`."""
+    part, run = demo.slice(0, 4000), ("--method", "iez", "--plots", "none", "--out")
+    for folder in ("alone", "several", "named", "late"):
+        Path(folder).mkdir()
+        write_canonical(part, Path(folder, "walk.csv"))
+    write_canonical(part, Path("several/other.csv"))
+    write_truth(Path("alone/truth.tum"), demo)
+    write_truth(Path("several/truth.tum"), demo)  # of a longer walk
+    write_truth(Path("named/walk.truth.tum"), demo)
+    write_truth(Path("late/truth.tum"), demo, later_s=1000.0)
+    for folder, taken in (("alone", True), ("several", False), ("named", True), ("late", False)):
+        ran = fg_nav("run", f"{folder}/walk.csv", *run, f"out-{folder}")
+        assert (ran.code, "is taken for its truth; --no-truth" in ran.err) == (0, taken), folder
+        assert ("rmse_2d_m" in summary(f"out-{folder}")) == taken
+        assert ("late/truth.tum, beside the recording, is not used: the truth" in ran.err) == (folder == "late")
+    lines = Path("several/truth.tum").read_text().splitlines(keepends=True)
+    Path("several/truth.tum").write_text("".join(lines[:4000]))
+    assert "is taken" in fg_nav("compare", "several/walk.csv", "--methods", "iez", *run[2:], "fits").err
+    assert fg_nav("run", "alone/walk.csv", "--no-truth", *run, "none").err == ""
+    assert fg_nav("run", "alone/walk.csv", "--no-truth", "--truth", "alone/truth.tum").refused("contradict")
+    again = fg_nav("run", "alone/walk.csv", "--config", "out-alone/config.json", *run[2:], "again")
+    assert (again.err, summary("again")["rmse_2d_m"]) == ("", summary("out-alone")["rmse_2d_m"])
+
+
 def test_pipes_get_plain_text_and_silence(files: Path, tmp_path: Path) -> None:
     odd = tmp_path / "Zürich.csv"
     odd.write_bytes((files / "part.csv").read_bytes())
