@@ -132,7 +132,9 @@ class ReadingOptions:
         "Of a file without a clock: its samples are counted. With a sigma behind it, 200+-0.1. \\[default: 2 %]",
         "HZ[+-HZ]",
     )
-    sensor: str | None = option(INPUT, "Which of several sensors in the file.", "NAME")
+    sensor: str | None = option(
+        INPUT, "Which of several sensors in the file, by a word of its name; with --mount feet two, left,right.", "NAME"
+    )
 
 
 @dataclass(kw_only=True, repr=False, eq=False)
@@ -334,7 +336,7 @@ class RunRequest(WalkOptions, AidOptions):
     mount: Literal["foot", "feet", "pocket"] = option(
         WALK,
         "Where the sensor was worn; a pocket is one of trousers. feet: a sensor on each foot, two recordings "
-        "of one walk.",
+        "of one walk, or one file with both, see --sensor.",
         default="foot",
     )
     sides: Literal["left,right", "right,left"] | None = option(

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from fg_nav.commands.requests import CompareRequest, RunRequest
 from fg_nav.commands.shared import (
@@ -20,14 +20,16 @@ from fg_nav.commands.shared import (
     choose_options,
     choose_reading,
     find_truth,
+    name_truth,
     name_walk,
     refuse_misfits,
     run_methods,
     show_number,
     split_files,
 )
-from fg_nav.errors import EstimationError, PlacesError, VerdictError
+from fg_nav.errors import EstimationError, FormatError, PlacesError, VerdictError
 from fg_nav.estimators import METHODS, Method, check_use, find_method
+from fg_nav.feet import SIDES, Side
 from fg_nav.io.readers.table import refuse_sensor_tables
 from fg_nav.pipeline import navigate, prepare_walk, require_mag, take_places
 from fg_nav.report.files import Summary, write_comparison, write_feet, write_run
@@ -55,6 +57,11 @@ RESULT_COLUMNS = {
 
 COMPARED: Mapping[Mount, str] = {"foot": "smoother,iez", "pocket": "pocket,munoz-diaz2017"}
 """Methods that are compared where none were named."""
+
+ONE_FILE = (
+    "--mount feet takes two recordings, one of each foot, or one file with both sensors: name them by --sensor A,B, as "
+    "--sensor left,right."
+)
 
 
 def run(request: RunRequest) -> Answer:
@@ -163,15 +170,12 @@ def run_feet(request: RunRequest, method: Method, options: Options) -> Answer:
 
     reading = replace(choose_reading(request), longest_gap_s=MAX_GAP_S)
     recordings, readings = request.recordings, [reading] * len(request.recordings)
-    # Two sensors of one file: the file counts twice.
-    sensors = [word.strip() for word in (request.sensor or "").split(",")]
+    # Two sensors of one file, by default those called left and right: the file counts twice.
+    sensors = [word.strip() for word in (request.sensor or ("left,right" if len(recordings) == 1 else "")).split(",")]
     if len(recordings) == 1 and len(sensors) == 2 and all(sensors):
         recordings, readings = [recordings[0]] * 2, [replace(reading, sensor=sensor) for sensor in sensors]
     if len(recordings) == 1:
-        raise EstimationError(
-            "--mount feet takes two recordings, one of each foot, or one of several sensors with two of them named by "
-            "--sensor A,B."
-        )
+        raise EstimationError(ONE_FILE)
     in_one = len(recordings) == 2 and recordings[0] == recordings[1]  # on one clock
     if len(recordings) != 2 or (in_one and readings[0] == readings[1]):
         given = "the same one twice" if in_one else f"{len(recordings)} of them"
@@ -179,30 +183,36 @@ def run_feet(request: RunRequest, method: Method, options: Options) -> Answer:
     truths, wants_truth = split_files("--truth", request.truth), _wants_truth(request, recordings[0]) and not in_one
     calibrations = split_files("--calibration", request.calibration)
     # Sides by the names of the sensors, where they say them.
-    words = "".join(sensors).lower()
-    named: Order | None = None
-    if "left" in words and "right" in words:
-        named = "left,right" if words.find("left") < words.find("right") else "right,left"
+    sides = {(side, other): f"{side},{other}" for side, other in (SIDES, SIDES[::-1])}
+    named = next((order for pair, order in sides.items() if all(map(_names_side, sensors, pair))), None)
     target = Target(request.out, request.force, "-".join([*dict.fromkeys(map(name_walk, recordings)), method.name]))
     with target, progress(method.name) as report:
         walks = []
         for path, one, truth, calibration in zip(recordings, readings, truths, calibrations, strict=True):
             own = replace(options, heading_deg=None, truth_path=truth, calibration_path=calibration)
-            walks.append(read_walk(path, own, one))
-        found = [find_truth(*one, alone=False) for one in zip(walks, recordings, strict=True) if wants_truth]
-        walks = found if found and all(walk.truth is not None for walk in found) else walks
+            try:
+                walks.append(read_walk(path, own, one))
+            except FormatError as error:
+                raise error if request.sensor or not in_one else EstimationError(f"{ONE_FILE} ({error})") from None
+        if wants_truth and all(name_truth(one).is_file() for one in recordings):
+            walks = list(map(find_truth, walks, recordings))
         result = navigate_feet(
             walks[0],
             walks[1],
             method.name,
             heading_deg=request.heading,
             clock_offset_s=0.0 if in_one and request.clock_offset is None else request.clock_offset,
-            sides=request.sides or (named if in_one else None),
+            sides=request.sides or (cast("Order | None", named) if in_one else None),
             progress=report,
         )
         with target.open() as folder:
             summary = write_feet(folder, result, request.plots)
     return _answer(request, {"recordings": [str(one) for one in recordings]}, summary, target.place)
+
+
+def _names_side(sensor: str, side: Side) -> bool:
+    """Whether the name of a sensor says its foot: left, or l, lf."""
+    return side in sensor.lower() or sensor.lower() in (side[0], f"{side[0]}f")
 
 
 def compare(request: CompareRequest) -> Answer:

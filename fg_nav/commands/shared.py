@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 RESULTS = Path("results")  # Where results go for which no folder was named.
 MAX_SENTENCES = 5  # On recordings that failed; each has its own in the JSON.
 PACKED = (".gz", ".zip", ".bz2", ".xz")
-TRUTH, TRUTH_END = "truth.tum", ".truth.tum"  # A truth beside its recording, as `fg-nav simulate` leaves it.
+TRUTH = "truth.tum"  # A truth beside its recording, as `fg-nav simulate` leaves it.
 SAME_SPAN_S = 0.5  # By which a truth and its recording, one of several, begin and end apart.
 LOG = logging.getLogger(__name__)
 NAMELESS = re.compile(  # Names of files that say what is in them and not which walk it is: their folder says that.
@@ -59,20 +59,25 @@ def name_walk(recording: Path) -> str:
     return recording.resolve().parent.name or name
 
 
-def find_truth(walk: Walk, recording: Path, alone: bool = True) -> Walk:
+def name_truth(recording: Path) -> Path:
+    """Return where the truth of a recording is that is one of several in a folder."""
+    stem = (recording.with_suffix("") if recording.suffix.lower() in PACKED else recording).stem
+    return recording.with_name(f"{stem}.{TRUTH}")
+
+
+def find_truth(walk: Walk, recording: Path) -> Walk:
     """Return the walk with the truth beside its recording, if it has none; a remark says so, or why it is not used.
 
-    `NAME.truth.tum` is that of NAME. `truth.tum` is that of a recording which is `alone` with it in a folder, and among
-    others, any of which it might be of, that of one which begins and ends with it.
+    `NAME.truth.tum` is that of NAME. `truth.tum` is that of the only recording in its folder, and of several that of
+    one which begins and ends with it.
     """
     from fg_nav.evaluation.comparison import share_truth
     from fg_nav.io import read_truth
     from fg_nav.truth import TrajectoryTruth, check_truth
 
-    stem = (recording.with_suffix("") if recording.suffix.lower() in PACKED else recording).stem
-    folder, named = recording if recording.is_dir() else recording.parent, recording.with_name(f"{stem}{TRUTH_END}")
+    folder, named = recording if recording.is_dir() else recording.parent, name_truth(recording)
     file = named if named.is_file() else folder / TRUTH
-    if walk.truth is not None or not file.is_file() or (not alone and file != named):
+    if walk.truth is not None or not file.is_file():
         return walk
     others = () if folder == recording else folder.glob(f"*{recording.suffix}")
     t, is_only = walk.recording.t, file == named or all(one.name == recording.name for one in others)
