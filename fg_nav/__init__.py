@@ -73,7 +73,8 @@ _PUBLIC = {
 _HOME = {name: module for module, names in _PUBLIC.items() for name in names}
 
 # What a solution asks of the report, for `Solution.plot` and `Solution.save`.
-_UPWARD = {"plot_solution": "fg_nav.report.files", "save_solution": "fg_nav.report.files"}
+_UPWARD = dict.fromkeys(("plot_solution", "save_solution"), "fg_nav.report.files")
+_UPWARD["render_solution"] = "fg_nav.report.notebook"
 
 __all__ = sorted(_HOME)
 

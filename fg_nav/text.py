@@ -12,6 +12,7 @@ import typing
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass, replace
+from html import escape
 from pathlib import Path
 from reprlib import repr as shorten
 from types import NoneType, UnionType
@@ -155,6 +156,12 @@ def to_json(value: object) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value if value is None or isinstance(value, str | int | float | bool) else str(value)
+
+
+def to_html(title: str, rows: Sequence[tuple[str, str]], below: str = "") -> str:
+    """Return a small table of names and values with a title, for notebooks; `below` is HTML."""
+    cells = (f"<tr><th>{escape(name)}</th><td>{escape(words)}</td></tr>" for name, words in rows)
+    return f"<table><caption>{escape(title)}</caption>{''.join(cells)}</table>{below}"
 
 
 def read_small(path: Path) -> bytes:

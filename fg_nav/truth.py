@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Bools, Brief, Floats, Ints
 from fg_nav.errors import EstimationError, EvaluationError
 from fg_nav.frames import yaw_rotation
 
@@ -50,7 +50,7 @@ TURNS = 72  # Directions that are tried.
 
 
 @dataclass(frozen=True)
-class TrajectoryTruth:
+class TrajectoryTruth(Brief):
     """True path of the sensor. `t` (M,) s, `position` (M, 3) m, `nav_R_body` (M, 3, 3) or None, z up.
 
     Examples
@@ -66,7 +66,7 @@ class TrajectoryTruth:
 
 
 @dataclass(frozen=True)
-class FootprintTruth:
+class FootprintTruth(Brief):
     """Surveyed footprints. `stride` (M,) counts strides (0 = the start), `xy` (M, 2) m, seen from above.
 
     Azimuth and origin are unknown. `t` (M,) s is an instant within each stance where it is known; without it footprints
@@ -210,7 +210,7 @@ def _compare(fixes: Sequence[Fix], reach: Floats, slack_m: float, explain: Calla
 
 
 @dataclass(frozen=True)
-class Gnss:
+class Gnss(Brief):
     """Fixes in the recording's time, m east and north of an origin at these geodetic degrees; heights are not used."""
 
     fixes: tuple[Fix, ...]

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Brief, Floats
 from fg_nav.detection import StanceParameters, detect_stances
 from fg_nav.detection.mount import refuse_pocket, refuse_wrong_axes
 from fg_nav.detection.sensor_processing import refuse_high_pass, remove_gyro_delay
@@ -97,7 +97,7 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Walk:
+class Walk(Brief):
     """What every method is given."""
 
     recording: Recording  # as the methods see it, once `correct_walk` has calibrated it
@@ -146,7 +146,7 @@ class Walk:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Outcome(Brief):
     """What one method made of a walk."""
 
     solution: Solution  # with the verdicts on the field in its table of stances

@@ -30,6 +30,7 @@ from fg_nav.walk import Outcome, Walk
 
 if TYPE_CHECKING:
     from fg_nav.both_feet import FeetResult
+    from fg_nav.report.charts import Paths
 
 Summary: TypeAlias = dict[str, object]  # Figures of merit, ready for JSON; None where unknown.
 
@@ -219,16 +220,20 @@ def save_solution(solution: Solution, path: Path, force: bool = False, origin: S
 
 def plot_solution(solution: Solution, axes: Any = None) -> Any:
     """Draw a solution from above, with its truth where it has one; return the axes."""
-    from fg_nav.report.charts import align_feet, align_paths
     from fg_nav.report.plots.style import draw_on_screen
 
+    return draw_on_screen(align_any(solution), axes)
+
+
+def align_any(solution: Solution) -> Paths:
+    """Return the paths of a picture of a solution, aligned with its truth where it has one."""
+    from fg_nav.report.charts import align_feet, align_paths
+
     if isinstance(solution, Result):
-        paths = align_paths({solution.method: solution.outcome}, solution.walk)
-    elif is_of_feet(solution):
-        paths = align_feet(solution)
-    else:
-        paths = align_paths({solution.method: Outcome(solution, evaluate(solution), None)}, None)
-    return draw_on_screen(paths, axes)
+        return align_paths({solution.method: solution.outcome}, solution.walk)
+    if is_of_feet(solution):
+        return align_feet(solution)
+    return align_paths({solution.method: Outcome(solution, evaluate(solution), None)}, None)
 
 
 def is_of_feet(solution: Solution) -> TypeGuard[FeetResult]:

@@ -166,12 +166,12 @@ def print_results(summaries: Sequence[Mapping[str, object]], place: Path) -> Non
         who = f" ({summary['method']})" if several else ""
         out.print(f"verdict{who}: {summary['verdict']}" + (f": {reasons}" if reasons else ""), soft_wrap=True)
     if not several:
-        for line in _describe_result(summaries[0]):
+        for line in describe_result(summaries[0]):
             out.print(line, soft_wrap=True)
     out.print(describe_place(place, len(collect_notes(summaries))), soft_wrap=True)
 
 
-def _describe_result(summary: Mapping[str, object]) -> list[str]:
+def describe_result(summary: Mapping[str, object]) -> list[str]:
     """Distance, end and, where known, error of one method, and the coupling of the feet, a line each."""
     known = {key: pattern.format(summary[key]) for key, _, pattern in FIGURES if summary.get(key) is not None}
     sigma = f", sigma {known['distance_sigma_m']} m" if "distance_sigma_m" in known else ""

@@ -33,7 +33,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, V, X
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Brief, Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.factors.walk_constraints import position_fix_noise
 from fg_nav.frames import yaw_rotation
@@ -71,7 +71,7 @@ UNKNOWN_PLACE_M = 100.0  # Sigma of the start where known places show it: more t
 
 
 @dataclass(frozen=True)
-class GraphNodes:
+class GraphNodes(Brief):
     """The variables of a walk that a factor can join: M nodes, where the foot stands, several in each stance.
 
     Attributes
@@ -323,7 +323,7 @@ def _free_heading(problem: WalkProblem, placed: PinnedFixes | OwnFactors, values
 
 
 @dataclass(frozen=True)
-class KnownTies:
+class KnownTies(Brief):
     """Footfalls at known places, in the axes of the known frame about the located start."""
 
     t: Floats  # (P,) s.

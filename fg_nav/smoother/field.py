@@ -46,7 +46,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import V, X
 
-from fg_nav.arrays import Floats, Ints, find_runs
+from fg_nav.arrays import Brief, Floats, Ints, find_runs
 from fg_nav.errors import EstimationError
 from fg_nav.factors.magnetic_field import E_H, IRON, PHI, FieldPrior
 from fg_nav.factors.residual import ResidualBlock
@@ -94,7 +94,7 @@ SHARES_PRIOR = (1.0, 1.0, 1.0, 1.0, 0.1)  # Weights of the shares before the wal
 
 
 @dataclass(frozen=True)
-class FieldVerdict:
+class FieldVerdict(Brief):
     """Verdicts on the field at the footfalls, as in a stance table, and notes."""
 
     words: tuple[str, ...]  # Of the detector.
@@ -105,7 +105,7 @@ class FieldVerdict:
 
 
 @dataclass(frozen=True)
-class FieldSolution:
+class FieldSolution(Brief):
     """A walk solved with its field: the problem of the last round, its minimum, the states (F, 9), and the verdict."""
 
     problem: WalkProblem

@@ -19,7 +19,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, X
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Bools, Brief, Floats, Ints
 from fg_nav.errors import EstimationError, FgNavError
 from fg_nav.factors.residual import LETTER_SHIFT, POSE, Keys, Stack, read_variables
 from fg_nav.smoother.square_root import DIMENSION, NO_SOLUTION, LinearWalk, SquareRoot, stack_factors
@@ -53,7 +53,7 @@ class System(Protocol[V]):
 
 
 @dataclass(frozen=True)
-class Minimum(Generic[V]):
+class Minimum(Brief, Generic[V]):
     """Minimum of a system, the triangle of the last linearization, and the number of linearizations."""
 
     values: V

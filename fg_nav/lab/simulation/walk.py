@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Bools, Brief, Floats, Ints
 from fg_nav.errors import SimulationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation.fields import Field, Homogeneous, find_earth_field
@@ -79,7 +79,7 @@ Progress: TypeAlias = Callable[[float], None]
 
 
 @dataclass(frozen=True)
-class BiasTruth:
+class BiasTruth(Brief):
     """True biases: `t` (M,) s, `gyr` (M, 3) rad/s, `acc` (M, 3) m/s^2."""
 
     t: Floats
@@ -97,7 +97,7 @@ class Passing:
 
 
 @dataclass(frozen=True)
-class SimulatedWalk:
+class SimulatedWalk(Brief):
     """A recording, and everything that is true about it.
 
     All times are on the recording's clock.
