@@ -3,7 +3,7 @@ A graph of your own, with the compass of a foot
 ===============================================
 
 Odometry that drifts, and the compass of ``fg_nav.factors``, solved by GTSAM. The field at a footfall is one variable of
-nine numbers, m = (phi, delta, r_E, r_N, E_E, E_N, h_x, h_y, h_z): its potential (uT m, for line integrals), how far this
+nine numbers, m = (phi, delta, r_E, r_N, E_E, E_N, h_x, h_y, h_z): its potential (uT m, for line integrals), how far the
 place deviates to the right of north (uT), this part of the building, its field over ground, and the iron on the shoe.
 """
 
