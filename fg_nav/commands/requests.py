@@ -39,6 +39,9 @@ _FILTERS = [name for name in METHODS["foot"] if name + RTS in METHODS["foot"]]
 _USUAL = [name for name in METHODS["foot"] if name not in _FILTERS and not name.endswith(RTS)]
 METHOD_NAMES = f"{_list_words(_USUAL)}; or a filter: {_list_words(_FILTERS)}, each also smoothed, as `iez{RTS}`"
 METHOD_WORDS = f"{METHOD_NAMES}. With --mount pocket: {_list_words(METHODS['pocket'])}."
+USUAL_METHODS = "smoother; inertial, without the field; iez, a filter; with --mount pocket: pocket. More: --help-all."
+
+ALL_WORDS: dict[str, str] = {}  # Of `--help-all`, by the help in whose place they are.
 
 
 def complete_by(list_names: Callable[[], Iterable[str]]) -> Completer:
@@ -88,7 +91,11 @@ def argument(metavar: str | None, help: str, default: Any = ..., **others: Any) 
 def option(
     panel: str, help: str, metavar: str | None = None, default: Any = None, name: str | None = None, **others: Any
 ) -> Any:
-    """Return a field that is an option in a group of the help, named as the field; `others` as of `typer.Option`."""
+    """Return a field that is an option in a group of the help, named as the field; `others` as of `typer.Option`.
+
+    One that is `hidden`, or has other words in `everything`, is in the help by `--help-all`.
+    """
+    ALL_WORDS[help] = others.pop("everything", help)
     names = () if name is None else name.split(",")
     info = typer.Option(default, *names, metavar=metavar, help=help, rich_help_panel=panel, **others)
     return field(default=MISSING if default is ... else default, metadata={"typer": info})
@@ -271,6 +278,7 @@ class WalkOptions(
         f"Parameters of the filters: {_list_words(PRESETS)}. The smoother has no presets.",
         "NAME",
         default=PRESETS[0],
+        hidden=True,
         autocompletion=complete_by(lambda: PRESETS),
     )
     no_truth: bool = flag(
@@ -325,7 +333,11 @@ class RunRequest(WalkOptions, AidOptions):
 
     recordings: list[Path] = argument("RECORDING...", "Files with a recording each.")
     method: str | None = option(
-        METHOD, f"{METHOD_WORDS} \\[default: smoother, or pocket]", "NAME", autocompletion=complete_methods
+        METHOD,
+        f"{USUAL_METHODS} \\[default: smoother, or pocket]",
+        "NAME",
+        everything=f"{METHOD_WORDS} \\[default: smoother, or pocket]",
+        autocompletion=complete_methods,
     )
     magnetic: Literal["all", "card"] = option(
         METHOD,
@@ -394,8 +406,9 @@ class CompareRequest(WalkOptions):
     recording: Path = argument("RECORDING", "File with the recording.")
     methods: str | None = option(
         METHOD,
-        f"Methods, with commas between: {METHOD_WORDS} \\[default: smoother,iez, or pocket,munoz-diaz2017]",
+        f"With commas between: {USUAL_METHODS} \\[default: smoother,iez, or pocket,munoz-diaz2017]",
         "A,B",
+        everything=f"With commas between: {METHOD_WORDS} \\[default: smoother,iez, or pocket,munoz-diaz2017]",
         autocompletion=complete_methods,
     )
     mount: Literal["foot", "pocket"] = option(

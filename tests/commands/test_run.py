@@ -1,6 +1,7 @@
 """The command line from end to end, on the demonstration walk."""
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -295,6 +296,22 @@ def test_a_pocket_is_inspected_and_its_methods_compared(fg_nav: FgNav) -> None:
     ran = fg_nav("compare", "a.csv", "--mount", "pocket", "--plots", "none", "--out", "out", "--json")
     assert [one["method"] for one in json.loads(ran.out)["methods"]] == ["pocket", "munoz-diaz2017"]
     assert config("out/pocket")["given"]["mount"] == "pocket"
+
+
+def test_help_keeps_what_is_seldom_needed_until_it_is_asked_for(fg_nav: FgNav) -> None:
+    for verb, seldom in (
+        ((), ("detect", "simulate")),
+        (("run",), ("--preset", "matched")),
+        (("compare",), ("--preset",)),
+    ):
+        plain, full = in_a_process(*verb, "--help"), in_a_process(*verb, "--help-all")
+        assert plain.code == full.code == 0
+        assert "--help-all" in plain.out
+        for word in seldom:
+            assert re.search(rf"\W{word}\W", full.out), word
+            assert not re.search(rf"\W{word}\W", plain.out), word
+    preset = ("--method", "iez", "--preset", "magic")  # is there all the same
+    assert fg_nav("run", "a.csv", *preset).refused("no preset 'magic'")
 
 
 @pytest.mark.parametrize("option", ["--help", "--version"])
