@@ -34,8 +34,7 @@ The axis a of the body, a unit vector, points over ground to the heading psi, ra
     n = R a,    e = wrap(atan2(n_E, n_N) - psi) / sigma,
     de/dpose = [-(n_N R_E - n_E R_N) [a]x / (n_E^2 + n_N^2), 0] / sigma,    R_E, R_N the rows of R,
 
-infinite where the axis is vertical. It turns the pose about up alone only where a is level; a compass that is tilted
-should be levelled before. `MagneticHeading` is for fields that deviate by place, with the field as a variable.
+infinite where the axis is vertical. `MagneticHeading` is for fields that deviate, with the field as a variable.
 
 Position fix: gtsam's own `GPSFactor`, e = p - fix on the axes of the navigation frame, with `position_fix_noise`.
 

@@ -41,16 +41,7 @@ def find_runs(mask: Bools) -> tuple[Ints, Ints]:
 
 
 class Brief:
-    """A base of dataclasses with a repr of one line: arrays by their shapes, what is long by its type.
-
-    >>> from dataclasses import dataclass
-    >>> @dataclass(frozen=True)
-    ... class Path(Brief):
-    ...     position: Floats
-    ...     note: str = "level"
-    >>> Path(np.zeros((1000, 3)))
-    Path(position=float64(1000, 3), note='level')
-    """
+    """A base of dataclasses with a repr of one line: arrays by their shapes, what is long by its type."""
 
     def __init_subclass__(cls, **given: Any) -> None:
         super().__init_subclass__(**given)

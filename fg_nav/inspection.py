@@ -34,7 +34,7 @@ from fg_nav.samples import plausibility
 from fg_nav.samples.plausibility import MIN_TURNING_WINDOWS, GravityTransport, find_usable_samples
 from fg_nav.samples.readings import find_saturated
 from fg_nav.samples.stamps import fit_clock
-from fg_nav.text import format_count
+from fg_nav.text import CUT, format_count
 from fg_nav.truth import FootprintTruth
 from fg_nav.verdict import UNUSABLE, Verdict, combine
 from fg_nav.verdict.limits import Reason, judge_bad_samples, judge_filters
@@ -309,6 +309,7 @@ def _list_problems(facts: Inspection) -> list[str]:
         (stamps.backward, f"Running backward: {format_count(stamps.backward, 'stamp')}."),
         (stamps.gaps, f"Samples were dropped in {format_count(stamps.gaps, 'place')}; the longest gap is {gap}."),
         (jitter > JITTER_SHARE, f"The stamps jitter by {1e3 * stamps.jitter_s:.2f} ms about the sensor's even clock."),
+        *((note.startswith(CUT), f"{_capitalize(note)}.") for note in facts.notes),
         *((True, words) for words in saturated),
         (has_units and abs(rest.acc_m_s2 - GRAVITY_M_S2) > GRAVITY_TOLERANCE_M_S2,
          f"|acc| at rest is {rest.acc_m_s2:.2f} m/s^2, gravity {GRAVITY_M_S2:.2f}: "

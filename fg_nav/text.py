@@ -26,6 +26,7 @@ Changes: TypeAlias = tuple[tuple[str, Value], ...]  # Dotted names and values.
 
 DETECTOR = "detector"  # First part of the names of the parameters of the stances.
 MAX_VALUE, MAX_WHOLE = 1e70, 1000  # No parameter is larger, and no whole one, which counts rounds or footfalls.
+CUT = "only rows"  # Begins the note on a recording of which parts are left out.
 MAX_BYTES = 2**23  # Of a configuration, a calibration or a scenario, which are some kilobytes.
 
 T = TypeVar("T")

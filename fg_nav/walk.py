@@ -133,8 +133,11 @@ class Walk(Brief):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Remarks for the user on calibration and field."""
+        """Remarks for the user on fixes, calibration and field."""
         notes = []
+        if self.fixes and self.fixes[0].origin is not None:
+            latitude, longitude, _ = self.fixes[0].origin
+            notes.append(f"places are m east, north and up of the first fix, at {latitude:.7f}, {longitude:.7f} deg")
         if self.calibration is not None:
             notes.append(f"corrected by the calibration: {', '.join(self.applied) or 'nothing'}")
         if self.magnetometer is not None:
@@ -180,9 +183,9 @@ def read_walk(path: Path | str | Recording, options: Options = Options(), readin
             raise EstimationError("the recording is of no file, so it has no Location.csv: give the file of the fixes.")
         gnss = read_gnss(source if options.gnss_path == OWN_GNSS and source else options.gnss_path)
     recording = path if isinstance(path, Recording) else reading.read(path)
-    known = recording.provenance
-    rate = f"{len(recording)} samples of format {known.format} at {1.0 / recording.period_s:.4g} Hz"
-    for words in (f"{known.path or 'arrays'}: {rate}", *known.notes):
+    known, rate = recording.provenance, f"{1.0 / recording.period_s:.4g} Hz"
+    about = f"{known.path or 'arrays'}: {len(recording)} samples of format {known.format} at {rate}"
+    for words in (about, *known.notes):
         LOG.info(words)
     recording = recording if truth is None else replace(recording, truth=truth)
     return replace(Walk.of(recording, options, calibration), fixes=fixes, gnss=gnss, places=places)

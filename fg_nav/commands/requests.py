@@ -114,10 +114,7 @@ class Request:
 
     json: bool = flag(OUTPUT, "Print one JSON document, for scripts, and nothing else on standard output.", "--json")
     quiet: bool = flag(OUTPUT, "Print nothing but errors.", "--quiet")
-    verbose: int = option(
-        OUTPUT, "Say what is found in the recording as it is found; -vv each solution too.", None, 0, "--verbose,-v",
-        count=True,
-    )  # fmt: skip
+    verbose: int = option(OUTPUT, "Say remarks as they arise; -vv: steps.", None, 0, "--verbose,-v", count=True)
     log: Path | None = option(OUTPUT, "Log all that into a file, with times and levels; at its end.", "FILE")
 
 
@@ -240,7 +237,8 @@ class AidOptions:
     step_constant: float | None = option(WALK, "Of the person, with --mount pocket: a step over its opening.", "M")
     fixes: Path | None = option(
         WALK,
-        "Known positions for the smoother: CSV time_s,x_m,y_m,z_m,sigma_m, m east, north and up of the start.",
+        "Known positions for the smoother: CSV time_s,x_m,y_m,z_m,sigma_m, m east, north and up of the start; or with "
+        "latitude_deg,longitude_deg[,height_m] in place of these, wherever it starts.",
         "FILE",
     )
     polish: bool = flag(METHOD, "Solve the walk in batch too at its end: trajectory_polished.tum.", "--polish")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 
 from fg_nav.arrays import Floats
@@ -23,8 +25,7 @@ def render_solution(solution: Solution) -> str:
         summary = summarize(solution.walk, solution.outcome, solution.verdict)
     else:
         summary = summarize_feet(solution) if is_of_feet(solution) else summarize_lagged(solution)
-    reasons = "; ".join(map(str, summary["reasons"])) if isinstance(summary["reasons"], list) else ""
-    rows = [("verdict", f"{summary['verdict']}{': ' * bool(reasons)}{reasons}")]
+    rows = [("verdict", ": ".join([str(summary["verdict"]), *cast("list[str]", summary["reasons"])]))]
     rows += [(name, words) for name, _, words in (line.partition(": ") for line in describe_result(summary))]
     return to_html(f"{type(solution).__name__} by {solution.method}", rows, draw_svg(align_any(solution)))
 

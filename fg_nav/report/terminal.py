@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 from rich import box
 from rich.console import Console
@@ -22,7 +22,9 @@ from rich.text import Text
 
 from fg_nav.errors import FgNavError, OutputError, describe_reason
 from fg_nav.report import REPORT
-from fg_nav.text import format_count
+from fg_nav.text import CUT, format_count
+
+FIRST = (CUT, "on the places of ", "nothing of the saved places ")  # Beginnings of notes that are printed as well.
 
 FIGURES = (
     ("distance_m", "distance (m)", "{:.2f}"),
@@ -178,13 +180,18 @@ def describe_result(summary: Mapping[str, object]) -> list[str]:
     strides = format_count(cast("int", summary["strides"]), "stride")
     percent = f" ({known['closure_percent']} % of the distance)" if "closure_percent" in known else ""
     end = f"end: {known['closure_m']} m from the start{percent}, at {_format_place(summary['end_m'])}"
+    parts: list[Any] = [part for part in (summary, summary.get("left"), summary.get("right")) if part]
     lines = [
+        *(f"note: {note}" for part in parts for note in part["notes"] if note.startswith(FIRST)),
         f"distance: {known['distance_m']} m{sigma}, in {strides}",
         f"{end}, sigma {_format_place(summary['end_sigma_m'])}",
     ]
     if "rmse_2d_m" in known:
         error = f"error: {known['rmse_2d_m']} m rms horizontally, {known['end_error_m']} m at the end"
         lines.append(f"{error}, {known['max_error_m']} m at most; alignment {known['alignment']}")
+    if isinstance(fixes := summary.get("fixes"), dict):
+        how = f"{fixes['rms_m']:.2f} m rms off over ground, {fixes['beyond_3_sigma']} beyond 3 sigma"
+        lines.append(f"fixes: {fixes['count']}, {how}")
     if summary.get("mount") != "feet":
         return lines
     # the coupling of the feet

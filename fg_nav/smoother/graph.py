@@ -116,7 +116,7 @@ class StartPrior:
 
     nav_R_body: Floats  # (3, 3).
     heading_sigma: float  # rad.
-    place_sigma: float = GAUGE_SIGMA  # m.
+    place_sigma: float | tuple[float, ...] = GAUGE_SIGMA  # m, also of each axis.
     place: Sequence[float] | Floats = (0.0, 0.0, 0.0)  # m, of the second of two feet where it is about to begin.
 
     def factor(self, p: SmootherParameters) -> gtsam.PriorFactorPose3:
@@ -124,8 +124,10 @@ class StartPrior:
         pose = gtsam.Pose3(gtsam.Rot3(self.nav_R_body), np.asarray(self.place, dtype=float))
         tilt = np.radians(p.tilt_sigma_deg)
         nav_rotation = np.diag([tilt, tilt, self.heading_sigma]) ** 2
-        covariance = np.eye(6) * self.place_sigma**2
-        covariance[:3, :3] = self.nav_R_body.T @ nav_rotation @ self.nav_R_body
+        covariance, R = np.eye(6) * np.square(np.max(self.place_sigma)), self.nav_R_body
+        covariance[:3, :3] = R.T @ nav_rotation @ R
+        if isinstance(self.place_sigma, tuple):
+            covariance[3:, 3:] = R.T @ np.diag(np.square(self.place_sigma)) @ R
         return gtsam.PriorFactorPose3(X(0), pose, gtsam.noiseModel.Gaussian.Covariance(covariance))
 
 

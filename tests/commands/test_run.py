@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pymap3d import enu2geodetic
 
 from fg_nav import pipeline
 from fg_nav.commands.shared import name_walk
@@ -270,6 +271,35 @@ def test_a_truth_beside_a_recording_is_taken_where_it_belongs(fg_nav: FgNav, dem
     assert fg_nav("run", "alone/walk.csv", "--no-truth", "--truth", "alone/truth.tum").refused("contradict")
     again = fg_nav("run", "alone/walk.csv", "--config", "out-alone/config.json", *run[2:], "again")
     assert (again.err, summary("again")["rmse_2d_m"]) == ("", summary("out-alone")["rmse_2d_m"])
+
+
+def test_fixes_and_what_is_left_out_are_said_first(fg_nav: FgNav, demo: Recording) -> None:
+    """Fixes in degrees, of which one is wrong, are the origin of a map; a part behind a hole is named."""
+    t, truth = demo.t, demo.truth.position
+    rows = [int(np.searchsorted(t, at)) for at in (5.0, 15.0, 25.0, 35.0)]
+    place = truth[rows] + [[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
+    degrees = np.stack(enu2geodetic(*place.T, 48.0, 11.0, 500.0), axis=1)
+    lines = [f"{t[row]},{north:.9f},{east:.9f},0.3" for row, (north, east, _) in zip(rows, degrees, strict=True)]
+    Path("fixes.csv").write_text("\n".join(["time_s,latitude_deg,longitude_deg,sigma_m", *lines]))
+    whole = replace(demo, truth=None)
+    write_canonical(whole.take((t < 40.0) | (t > 60.0)), Path("walk.csv"))
+    ran = fg_nav("run", "walk.csv", "--fixes", "fixes.csv", "--method", "inertial", "--plots", "none", "--out", "out")
+    assert ran.code == 0, ran.err
+    said = ran.out.splitlines()
+    assert said[1].startswith("note: only rows 2 to ")
+    assert said[1].endswith("before row 8002")
+    fixes = summary("out")["fixes"]
+    assert said[4] == f"fixes: 4, {fixes['rms_m']:.2f} m rms off over ground, 1 beyond 3 sigma"
+    assert summary("out")["origin"] == [*(pytest.approx(one, abs=1e-8) for one in degrees[0, :2]), None]
+    assert any("of the first fix, at 48.0" in note for note in summary("out")["notes"])
+    assert "Only rows 2 to" in fg_nav("inspect", "walk.csv").out
+    ran = fg_nav("export", "out", "walk.geojson", "--json")
+    assert "north is true" in json.loads(ran.out)["remarks"][0]
+    drawn = [one["geometry"] for one in json.loads(Path("walk.geojson").read_text())["features"]]
+    line = np.array(next(one["coordinates"] for one in drawn if one["type"] == "LineString"))[:, :2]
+    assert np.abs(line - degrees[2, [1, 0]]).max(axis=1).min() < 2e-5  # it comes by the third one, to a metre
+    for verb in ("stream --speed max", "run --method online"):
+        assert fg_nav(*verb.split(), "walk.csv", "--fixes", "fixes.csv").refused("m from there")
 
 
 def test_pipes_get_plain_text_and_silence(files: Path, tmp_path: Path) -> None:
