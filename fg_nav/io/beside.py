@@ -160,7 +160,7 @@ def read_fixes(path: Path | str) -> tuple[Fix, ...]:
         enu = np.column_stack(geodetic2enu(table[:, 1], table[:, 2], known, latitude, longitude, zero))
         table[:, 1:4] = np.where(np.isnan(table[:, 1:4]), np.nan, enu)
     return tuple(
-        Fix(float(t), np.array([x, y, np.nan_to_num(z)]), sigma, float("inf") if np.isnan(z) else sigma, origin)
+        Fix(t, np.array([x, y, np.nan_to_num(z)]), sigma, float("inf") if np.isnan(z) else float(sigma), origin)
         for t, x, y, z, sigma in table.tolist()
     )
 
