@@ -22,7 +22,9 @@ from .walk_constraints import (
     BarometricHeight,
     BuildingDirection,
     FloorHeight,
+    Heading,
     UnseenWalk,
+    heading_factor,
     position_fix_noise,
 )
 from .zero_velocity import StanceVelocity, zero_rate_factor
@@ -36,6 +38,7 @@ __all__ = [
     "FieldPrior",
     "FieldTransition",
     "FloorHeight",
+    "Heading",
     "LineIntegral",
     "MagneticHeading",
     "Residual",
@@ -45,6 +48,7 @@ __all__ = [
     "UnseenWalk",
     "factor_of",
     "guarded_factor",
+    "heading_factor",
     "integrate_field",
     "linear_factor_of",
     "position_fix_noise",

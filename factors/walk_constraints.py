@@ -1,4 +1,4 @@
-"""What is known of a walk besides its inertial samples: corridors, level floors, surveyed positions, air pressure.
+"""What is known of a walk besides its inertial samples: headings, corridors, floors, surveyed positions, air pressure.
 
 Reasons, values and limits: `docs/models.md`.
 
@@ -26,6 +26,15 @@ along it, so each has a share h <= 1 of its loss (a power likelihood), by which 
 
 Source: Borenstein & Ojeda 2010 (J. Navigation 63); AIEZ (27), (28) compare a course with those before it instead, with
 a threshold, and a zero beyond it in place of no row. The mixture is this project's.
+
+Heading (`Heading`): a compass card, a plan, a start that was aligned by hand; of one pose, without a field variable
+-------------------------------------------------------------------------------------------------------------------
+The axis a of the body, a unit vector, points over ground to the heading psi, rad clockwise from north (East-North-Up):
+
+    n = R a,    e = wrap(atan2(n_E, n_N) - psi) / sigma,
+    de/dpose = [-(n_N R_E - n_E R_N) [a]x / (n_E^2 + n_N^2), 0] / sigma,    R_E, R_N the rows of R,
+
+infinite where the axis is vertical. `MagneticHeading` is for fields that deviate, with the field as a variable.
 
 Position fix: gtsam's own `GPSFactor`, e = p - fix on the axes of the navigation frame, with `position_fix_noise`.
 
@@ -66,7 +75,7 @@ from typing import ClassVar
 import gtsam
 import numpy as np
 
-from .residual import POSE, Array, hold_cauchy
+from .residual import POSE, Array, factor_of, hold_cauchy
 from .rotation import skew, turn_from
 
 QUARTER = 0.5 * np.pi  # Between the directions of a building, rad.
@@ -147,6 +156,41 @@ def position_fix_noise(horizontal_sigma: float, vertical_sigma: float = np.inf) 
     if not (sigmas > 0.0).all():
         raise ValueError("position fix: the sigmas must be above zero.")
     return gtsam.noiseModel.Diagonal.Precisions(sigmas**-2.0)
+
+
+@dataclass(frozen=True)
+class Heading:
+    """Headings (...) rad clockwise from north, with `sigma` (...) rad, of axes (..., 3) of the body; variable pose."""
+
+    name: ClassVar[str] = "heading"
+    dims: ClassVar[tuple[int, ...]] = (POSE,)
+    rows: ClassVar[int] = 1
+
+    heading: Array
+    sigma: Array
+    axis: Array
+
+    def evaluate(self, variables: Sequence[Array], with_jacobians: bool) -> tuple[Array, list[Array]]:
+        """Return the residual (..., 1), within pi of zero over its sigma, and its Jacobian by the pose."""
+        R = variables[0][..., :3, :3]
+        east, north, _ = np.moveaxis((R @ self.axis[..., None])[..., 0], -1, 0)
+        off = np.arctan2(east, north) - self.heading
+        e = (np.arctan2(np.sin(off), np.cos(off)) / self.sigma)[..., None]
+        if not with_jacobians:
+            return e, []
+        across = (north[..., None] * R[..., 0, :] - east[..., None] * R[..., 1, :]) / (east**2 + north**2)[..., None]
+        by_pose = np.zeros((*e.shape, POSE))
+        by_pose[..., 0, :3] = -np.cross(across, self.axis) / self.sigma[..., None]
+        return e, [by_pose]
+
+
+def heading_factor(
+    pose_key: int, heading: float, sigma: float, axis: Sequence[float] = (1.0, 0.0, 0.0)
+) -> gtsam.CustomFactor:
+    """Prior on the heading of one pose, rad clockwise from north: of the body's x axis, or another."""
+    if not 0.0 < sigma < np.inf or not np.isfinite([heading, *axis]).all():
+        raise ValueError("heading: give finite radians, a unit vector, and a sigma above zero.")
+    return factor_of(Heading(np.array(heading), np.array(sigma), np.array(axis, dtype=float)), [pose_key])
 
 
 @dataclass(frozen=True)

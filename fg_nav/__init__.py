@@ -72,10 +72,11 @@ _PUBLIC = {
 }
 _HOME = {name: module for module, names in _PUBLIC.items() for name in names}
 
-# What a solution asks of modules above it, for `Solution.plot`, `save` and `to_dataframe`.
+# What a solution asks of modules above it, for its plots, files, tables and notebooks.
 _UPWARD = {
     "plot_solution": "fg_nav.report.files",
     "save_solution": "fg_nav.report.files",
+    "render_solution": "fg_nav.report.notebook",
     "tabulate_gait": "fg_nav.gait",
 }
 

@@ -14,6 +14,7 @@ person is where the left one is.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -55,6 +56,8 @@ LOST_SHARE = 0.5  # Of the other foot's footfalls: a foot with fewer recorded fo
 MAX_GAP_S = 3600.0  # Parts of a recording stay, as the other foot goes on between; more is a clock that was set.
 CLEAR_SIGMAS = 3.0  # From zero, at which the width shows which foot is which.
 WORDS: tuple[Word, ...] = ("trusted", "doubtful", UNUSABLE)  # From the best to the worst.
+
+LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -136,6 +139,8 @@ class FeetResult(Solution):
             person, method=first.method, parameters=first.parameters, notes=(*doubts, *notes),
             runtime_s=max(foot.runtime_s for foot in feet.values()),
         ).widen(max(foot.walk.recording.provenance.rate_sigma for foot in feet.values()))  # fmt: skip
+        for words in solution.notes:
+            LOG.info(words)
         # errors, where the truths can be used
         metrics, truth, comparison = evaluate(solution), None, None
         try:

@@ -20,6 +20,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import EarthError
+from fg_nav.text import suggest_install
 
 PLACE_FORM = "latitude,longitude,YYYY-MM-DD"  # How a place and date are written, degrees north and east.
 
@@ -89,7 +90,7 @@ def compute_field(place: Place) -> EarthField:
         library = import_module("pygeomag")
     except ModuleNotFoundError:
         raise EarthError(
-            "the World Magnetic Model needs a library that is not installed: pip install 'fg-nav[wmm]'."
+            f"the World Magnetic Model needs a library that is not installed: {suggest_install('wmm')}."
         ) from None
     try:
         model = library.GeoMag(base_year=place.day.year)

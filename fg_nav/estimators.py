@@ -7,6 +7,7 @@ their own by entry points (`fg_nav.plugins`).
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -62,6 +63,8 @@ CARD: Literal["card"] = "card"  # The smoother with `Options.magnetic` "card".
 CARD_CHANGES: Changes = (("magnetic.potential", False), ("walk.places", False))  # What makes it of the smoother.
 SMOOTHER = "smoother"
 RTS = "-rts"  # Behind the name of a filter: smoothed backward.
+LOG = logging.getLogger(__name__)
+
 BLOCK = 64  # Samples that the online estimator is given at once; its estimates do not depend on it.
 
 
@@ -252,6 +255,8 @@ def estimate(walk: Walk, method: str, progress: Progress | None = None) -> Solut
             check_use(found, use)
     with blaming_changes(method, walk.options):
         solution = replace(found.run(walk, progress), method=method, uses_field=found.uses_field)
+    for words in (f"{method}: solved in {solution.runtime_s:.2f} s", *solution.notes):
+        LOG.info(words)
     return solution if found.mount == "pocket" else solution.widen(walk.recording.provenance.rate_sigma)
 
 

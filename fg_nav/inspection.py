@@ -13,9 +13,20 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import detect_stances, find_rests
-from fg_nav.detection.mount import DECISIVE, NO_EVIDENCE, SUSPECT, AxesEvidence, measure_axes, measure_turning
+from fg_nav.detection.mount import (
+    DECISIVE,
+    NO_EVIDENCE,
+    SUSPECT,
+    AxesEvidence,
+    Wearing,
+    measure_axes,
+    measure_swing_axes,
+    measure_turning,
+    refuse_foot,
+    refuse_pocket,
+)
 from fg_nav.detection.sensor_processing import MIN_DELAY_STRIDES, MIN_SMOOTHING_HZ, SPECTRUM_S
-from fg_nav.errors import DetectionError, RecordingError
+from fg_nav.errors import DetectionError, EstimationError, RecordingError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic.axes import AlignedMagnetometer, align_magnetometer, field_points_up
 from fg_nav.recording import MIN_SAMPLES, RawRecording, Recording
@@ -23,7 +34,7 @@ from fg_nav.samples import plausibility
 from fg_nav.samples.plausibility import MIN_TURNING_WINDOWS, GravityTransport, find_usable_samples
 from fg_nav.samples.readings import find_saturated
 from fg_nav.samples.stamps import fit_clock
-from fg_nav.text import format_count
+from fg_nav.text import CUT, format_count
 from fg_nav.truth import FootprintTruth
 from fg_nav.verdict import UNUSABLE, Verdict, combine
 from fg_nav.verdict.limits import Reason, judge_bad_samples, judge_filters
@@ -119,7 +130,8 @@ class Inspection:
     field: MagneticField | None  # None without a magnetometer
     stance: StanceShare
     samples_verdict: Verdict  # on what filters and faults left of the samples
-    wearing: str | None  # "foot" or "pocket" where the turning is clearly that of one (`fg_nav.detection.mount`)
+    wearing: Wearing | None  # where the turning is clearly that of one (`fg_nav.detection.mount`)
+    mount: Wearing  # for which it is judged: as given, else as it turns, else a foot
     truth: str
     refusal: str | None  # why it cannot be navigated with
     unit_problems: tuple[str, ...]  # wrong units and axes
@@ -129,7 +141,7 @@ class Inspection:
     @property
     def obstacle(self) -> str | None:
         """Why no path can be had of it: refused, or without a stance or a length; None if one can."""
-        if self.refusal is not None or (self.wearing == "pocket" and self.duration_s >= MIN_S):
+        if self.refusal is not None or (self.mount == "pocket" and self.duration_s >= MIN_S):
             return self.refusal
         if self.duration_s < MIN_S:
             return f"it lasts {self.duration_s:.2g} s, and a stride takes one: are its stamps in s?"
@@ -144,21 +156,34 @@ class Inspection:
     def verdict(self) -> tuple[str, ...]:
         """One sentence a finding, the most important first."""
         word, reasons, why = self.samples_verdict.word, self.samples_verdict.reasons, self.obstacle
-        first = f"{word}: {'; '.join(reasons)}." if reasons else f"{word}: it can be navigated with."
+        how = ", as that of a trouser pocket (--mount pocket)" if self.mount == "pocket" else ""
+        first = f"{word}: {'; '.join(reasons)}." if reasons else f"{word}: it can be navigated with{how}."
         first = first if why is None else f"{UNUSABLE}: it cannot be navigated with: {why}"
         further = [f"{_capitalize(p)}." for p in self.unit_problems if p not in (self.refusal or "")]
         return (first, *further, *_list_problems(self), *_list_unjudged(self), *_list_merits(self))
 
 
-def inspect(raw: RawRecording) -> Inspection:
-    """Measure a recording. Never fails on content: what cannot be measured is NaN."""
+def inspect(raw: RawRecording, mount: Wearing | None = None) -> Inspection:
+    """Measure a recording, of a sensor worn there; None for where it turns like it, else on a foot.
+
+    Never fails on content: what cannot be measured is NaN.
+    """
     recording, refusal = None, None
     try:
         recording = Recording.from_raw(raw)
     except RecordingError as error:
         refusal = str(error)
     notes = (recording or raw).provenance.notes
-    axes = NO_EVIDENCE if recording is None else measure_axes(recording.t, recording.acc, recording.gyr)
+    # where it is worn, and its axes
+    wearing = None if recording is None else measure_turning(recording).wearing
+    worn: Wearing = mount or wearing or "foot"
+    if recording is not None and mount is not None:
+        try:
+            refuse_foot(recording) if mount == "pocket" else refuse_pocket(recording)
+        except EstimationError as error:
+            recording, refusal = None, str(error)
+    measure = measure_swing_axes if worn == "pocket" else measure_axes
+    axes = NO_EVIDENCE if recording is None else measure(recording.t, recording.acc, recording.gyr)
     if axes.against > DECISIVE:
         recording, refusal = None, f"{axes.problem}."
     # finite samples, and those later than all before them
@@ -171,7 +196,8 @@ def inspect(raw: RawRecording) -> Inspection:
     stance = StanceShare(0, np.nan, "not looked for, since the recording cannot be navigated with")
     signs = list[Reason]()
     if recording is not None:
-        signs = [judge_bad_samples(recording)]
+        signs, stance = [judge_bad_samples(recording)], StanceShare(0, np.nan, "not looked for: a thigh never stands")
+    if recording is not None and worn == "foot":
         try:
             stances = detect_stances(recording)
             stance = StanceShare(len(stances), float(np.mean(stances.mask)))
@@ -203,7 +229,8 @@ def inspect(raw: RawRecording) -> Inspection:
         field=None if raw.mag is None else _measure_field(raw.mag, duration, recording),
         stance=stance,
         samples_verdict=combine(signs),
-        wearing=None if recording is None else measure_turning(recording).wearing,
+        wearing=wearing,
+        mount=worn,
         truth=truth,
         refusal=refusal,
         unit_problems=plausibility.find_unit_problems(raw.t, raw.acc, raw.gyr, raw.mag),
@@ -263,7 +290,7 @@ def _list_problems(facts: Inspection) -> list[str]:
     """Return problems with axes, stamps, saturation, rests, magnetometer and stances, one sentence each."""
     stamps, rest, axes, jitter = facts.stamps, facts.rest, facts.axes, facts.stamps.jitter_s * facts.stamps.rate_hz
     field, has_units, is_walk = facts.field or NO_FIELD, not facts.unit_problems, facts.refusal is None
-    share, (low, high), is_foot = facts.stance.share, STANCE_SHARES, facts.wearing != "pocket"
+    share, (low, high), is_foot = facts.stance.share, STANCE_SHARES, facts.mount != "pocket"
     gap = f"{1e3 * stamps.longest_gap_s:.0f} ms before row {stamps.longest_gap_row}"
     saturated = [
         f"{name} saturates on {axis}: {100 * share:.2g} % of the samples are beyond {level:.4g} {unit}."
@@ -282,6 +309,7 @@ def _list_problems(facts: Inspection) -> list[str]:
         (stamps.backward, f"Running backward: {format_count(stamps.backward, 'stamp')}."),
         (stamps.gaps, f"Samples were dropped in {format_count(stamps.gaps, 'place')}; the longest gap is {gap}."),
         (jitter > JITTER_SHARE, f"The stamps jitter by {1e3 * stamps.jitter_s:.2f} ms about the sensor's even clock."),
+        *((note.startswith(CUT), f"{_capitalize(note)}.") for note in facts.notes),
         *((True, words) for words in saturated),
         (has_units and abs(rest.acc_m_s2 - GRAVITY_M_S2) > GRAVITY_TOLERANCE_M_S2,
          f"|acc| at rest is {rest.acc_m_s2:.2f} m/s^2, gravity {GRAVITY_M_S2:.2f}: "
@@ -298,7 +326,8 @@ def _list_problems(facts: Inspection) -> list[str]:
          "The field points up, as on the southern hemisphere: elsewhere all axes are the other way round."),
         (spread > SPREAD_SHARE * strength,
          f"The field is disturbed: {strength:.0f} uT with a standard deviation of {spread:.0f} uT."),
-        (is_walk and not is_foot, "It turns like a thigh that walks, not like a foot: run it with --mount pocket."),
+        (is_walk and facts.wearing == "pocket",
+         "It turns like a thigh that walks, not like a foot: run it with --mount pocket."),
         (is_walk and is_foot and share < low,
          f"The foot stands for only {100 * share:.0f} % of the time: is this sensor on a foot?"),
         (is_walk and is_foot and share > high,
@@ -319,13 +348,13 @@ def _list_merits(facts: Inspection) -> list[str]:
          f"|acc| at rest is {rest.acc_m_s2:.2f} m/s^2: gravity."),
         (facts.gravity.is_telling and 0.3 < facts.gravity.gain < 3.0,
          "Gravity turns as the gyroscope says: units and axes agree."),
-        (facts.axes.strides >= 5 and facts.axes.against < 1.0,  # fewer do not say so
+        (facts.axes.strides >= 5 and facts.axes.log_odds.any() and facts.axes.against < 1.0,  # fewer do not say so
          f"The axes of gyroscope and accelerometer agree in {facts.axes.strides} strides."),
         (has_units and rest.duration_s >= LONG_REST_S,
          f"{rest.duration_s:.0f} s of rest show the bias: {bias} deg/s."),
         (has_units and spread <= SPREAD_SHARE * strength,
          f"The field is steady: {strength:.0f} uT, {spread:.0f} uT about it."),
-        (low <= facts.stance.share <= high and facts.wearing != "pocket",
+        (low <= facts.stance.share <= high,
          f"{facts.stance.count} stances make {100 * facts.stance.share:.0f} % of the time."),
     ]  # fmt: skip
     return [words for is_so, words in found if is_so]
@@ -337,7 +366,7 @@ def _capitalize(words: str) -> str:
 
 def _list_unjudged(facts: Inspection) -> list[str]:
     """Return one sentence with the checks for which the recording is too short, too slow or turns too little."""
-    if facts.refusal is not None or facts.wearing == "pocket":
+    if facts.refusal is not None or facts.mount == "pocket":
         return []
     rate_hz, strides, checks = facts.stamps.rate_hz, facts.axes.strides, list[str]()
     if facts.gravity.n_windows < MIN_TURNING_WINDOWS and strides < MIN_DELAY_STRIDES:  # strides show them too

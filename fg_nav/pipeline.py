@@ -19,6 +19,7 @@ places that were recognized, which all footfalls share. A walk that is not recog
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -35,6 +36,7 @@ from fg_nav.evaluation.metrics import Metrics
 from fg_nav.frames import compute_heading
 from fg_nav.recording import Recording
 from fg_nav.solution import KnownStretch, Located, Solution
+from fg_nav.text import format_count
 from fg_nav.truth import Fix, Truth
 from fg_nav.verdict import Verdict, judge_path
 from fg_nav.walk import (
@@ -53,6 +55,8 @@ from fg_nav.walk import (
 if TYPE_CHECKING:
     from fg_nav.places import SavedPlaces
     from fg_nav.smoother import ExtraFactors
+
+LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, repr=False)
@@ -180,7 +184,10 @@ def prepare_walk(walk: Walk) -> Walk:
     # when does the foot stand?
     walk = find_stances(walk)
     # the magnetic field at the footfalls, and for the report where it is undisturbed
-    return measure_field(walk)
+    walk = measure_field(walk)
+    for words in (f"{len(walk.stances)} stances, {format_count(walk.stances.n_footfalls, 'footfall')}", *walk.notes):
+        LOG.info(words)
+    return walk
 
 
 def run_method(walk: Walk, method: str, progress: Progress | None = None) -> Outcome:

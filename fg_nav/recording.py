@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Bools, Brief, Floats, Ints
 from fg_nav.columns.samples import ColumnNames, Samples, Units, check_shapes, convert_arrays, convert_frame
 from fg_nav.errors import RecordingError
 from fg_nav.samples import plausibility
@@ -42,7 +42,7 @@ from fg_nav.samples.readings import (
     rebuild_peaks,
 )
 from fg_nav.samples.stamps import GAP_PERIODS, MAX_BRIDGED_S, MAX_GAP_S, find_lost_share, order_stamps, remove_jitter
-from fg_nav.text import format_count
+from fg_nav.text import format_count, to_html
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ class Provenance:
 
 
 @dataclass(frozen=True)
-class RawRecording:
+class RawRecording(Brief):
     """A file's samples in SI units, unchecked: stamps may repeat, run backward or be NaN; so may samples.
 
     `row` (N,) is the 1-based line (or array row) of each sample in its file, for messages.
@@ -237,6 +237,13 @@ class Recording:
         known = [name for name, value in parts if value is not None]
         rate = f"{len(self)} samples over {self.duration_s:.1f} s at {1.0 / self.period_s:.0f} Hz"
         return f"<Recording: {rate}{', with ' if known else ''}{' and '.join(known)}>"
+
+    def _repr_html_(self) -> str:
+        """Show in a notebook what it is, and what was done to it on the way in."""
+        known = self.provenance
+        rows = [("samples", repr(self).partition(": ")[2].rstrip(">")), ("format", known.format)]
+        rows += [("file", str(known.path))] if known.path else []
+        return to_html("Recording", [*rows, *(("note", words) for words in known.notes)])
 
     def take(self, part: Bools | slice) -> Recording:
         """Return some of the samples; truth and provenance stay whole. Raises `RecordingError` if too few are left."""

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias, get_args
 import numpy as np
 
 import fg_nav
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Brief, Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.frames import compute_heading, quaternion_xyzw
 from fg_nav.recording import Recording
@@ -40,7 +40,7 @@ STRIDE_COLUMNS = (
 
 
 @dataclass(frozen=True)
-class StanceTable:
+class StanceTable(Brief):
     """One row a stance, taken at its representative (stillest) sample; None where the estimator does not tell."""
 
     sample: Ints  # (K,) index into the recording
@@ -111,7 +111,7 @@ def _heading_deg(nav_R_body: Floats) -> Floats:
 
 
 @dataclass(frozen=True)
-class KnownStretch:
+class KnownStretch(Brief):
     """A stretch of a walk that was recognized, by the field along it, as one of an earlier walk that was saved."""
 
     other: ClassVar[str] = "known"  # the earlier pass in `summary.json`
@@ -331,6 +331,10 @@ class Solution:
         'x (m)'
         """
         return fg_nav.plot_solution(self, axes)
+
+    def _repr_html_(self) -> str:
+        """Show its figures and its path in a notebook."""
+        return str(fg_nav.render_solution(self))
 
     def __repr__(self) -> str:
         """Say in a line what it is; the arrays are many."""

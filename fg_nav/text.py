@@ -7,11 +7,13 @@ import errno
 import json
 import math
 import re
+import shlex
 import tomllib
 import typing
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass, replace
+from html import escape
 from pathlib import Path
 from reprlib import repr as shorten
 from types import NoneType, UnionType
@@ -28,6 +30,7 @@ Changes: TypeAlias = tuple[tuple[str, Value], ...]  # Dotted names and values.
 
 DETECTOR = "detector"  # First part of the names of the parameters of the stances.
 MAX_VALUE, MAX_WHOLE = 1e70, 1000  # No parameter is larger, and no whole one, which counts rounds or footfalls.
+CUT = "only rows"  # Begins the note on a recording of which parts are left out.
 MAX_BYTES = 2**23  # Of a configuration, a calibration or a scenario, which are some kilobytes.
 
 T = TypeVar("T")
@@ -168,6 +171,12 @@ def to_json(value: object) -> Any:
     return value if value is None or isinstance(value, str | int | float | bool) else str(value)
 
 
+def to_html(title: str, rows: Sequence[tuple[str, str]], below: str = "") -> str:
+    """Return a small table of names and values with a title, for notebooks; `below` is HTML."""
+    cells = (f"<tr><th>{escape(name)}</th><td>{escape(words)}</td></tr>" for name, words in rows)
+    return f"<table><caption>{escape(title)}</caption>{''.join(cells)}</table>{below}"
+
+
 def read_small(path: Path) -> bytes:
     """Return the bytes of a small file; bounded, because the path may be a device that never ends."""
     with path.open("rb") as file:
@@ -226,3 +235,14 @@ def find_version() -> str:
         return metadata.version("fg-nav")
     except metadata.PackageNotFoundError:
         return "unknown (not installed)"
+
+
+def suggest_install(extra: str) -> str:
+    """Return the command that installs what an extra brings: by the packages' names, which need no checkout of ours."""
+    from importlib import metadata
+
+    try:
+        needed = [re.match(rf"(.+?) *; *extra == .{extra}.$", one) for one in metadata.requires("fg-nav") or ()]
+    except metadata.PackageNotFoundError:
+        needed = []
+    return shlex.join(["pip", "install", *([one[1] for one in needed if one] or [f".[{extra}]"])])

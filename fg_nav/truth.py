@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Bools, Brief, Floats, Ints
 from fg_nav.errors import EstimationError, EvaluationError
 from fg_nav.frames import yaw_rotation
 
@@ -40,6 +40,7 @@ SIGMAS = 3.0  # Of each of two fixes: one in 400 true ones is farther off, and h
 MAX_M = 1e7  # No walk leads farther, and no fix is worse: a quarter of the way round the Earth.
 MIN_SIGMA_M = 1e-4  # No survey of a foot is as good.
 FIX_REACH_S = 1.5  # Farther than a stride from any footfall there is nothing to tie a fix to.
+FIX_SPEED_M_S = 1.4  # Walking pace: for so much a second between a fix and the node it is tied to its sigma grows.
 LONGER, LONGER_BY_M = 1.25, 2.0  # Of the path, over that of the first solution: a factor, and m.
 NEIGHBORS = 50  # Fixes after each that it is compared with: from those farther off there is more time, or way.
 
@@ -50,7 +51,7 @@ TURNS = 72  # Directions that are tried.
 
 
 @dataclass(frozen=True)
-class TrajectoryTruth:
+class TrajectoryTruth(Brief):
     """True path of the sensor. `t` (M,) s, `position` (M, 3) m, `nav_R_body` (M, 3, 3) or None, z up.
 
     Examples
@@ -66,7 +67,7 @@ class TrajectoryTruth:
 
 
 @dataclass(frozen=True)
-class FootprintTruth:
+class FootprintTruth(Brief):
     """Surveyed footprints. `stride` (M,) counts strides (0 = the start), `xy` (M, 2) m, seen from above.
 
     Azimuth and origin are unknown. `t` (M,) s is an instant within each stance where it is known; without it footprints
@@ -94,7 +95,7 @@ class Fix:
     """A position known at an instant of the walk: at a surveyed point, or by a receiver.
 
     In the walk's own navigation frame, m, from where the sensor stood in the first stance: subtract a plan's
-    coordinates of the start.
+    coordinates of the start. With an `origin` from there instead, wherever the walk starts.
 
     Attributes
     ----------
@@ -102,6 +103,7 @@ class Fix:
     position : (3,) m, x east, y north, z up from the start; z does not count where `vertical_sigma_m` is infinite.
     horizontal_sigma_m : of x, and of y.
     vertical_sigma_m : of z; infinite where the height is not known.
+    origin : latitude and longitude, deg, and height, m or None, of the zero of all fixes; None for the walk's start.
 
     Examples
     --------
@@ -115,6 +117,7 @@ class Fix:
     position: Floats
     horizontal_sigma_m: float
     vertical_sigma_m: float = np.inf
+    origin: tuple[float, float, float | None] | None = None
 
 
 # --- fixes -----------------------------------------------------------------------------------------------------------
@@ -141,9 +144,11 @@ def check_fixes(fixes: Sequence[Fix], t: Floats | None = None) -> None:
     """Refuse fixes that are invalid, contradict each other or, where its stamps `t` (N,) s are given, the walk."""
     for fix in fixes:
         check_fix(fix)
+    if len({fix.origin for fix in fixes}) > 1:
+        raise EstimationError("the fixes are from different origins: give all from the start, or from one place.")
     if t is not None:
         check_times(fixes, float(t[0]), float(t[-1]))
-        fixes = (start_fix(float(t[0])), *fixes)
+        fixes = (*list_start(fixes, float(t[0])), *fixes)
     fixes = sorted(fixes, key=lambda fix: fix.time_s)
     time = np.array([fix.time_s for fix in fixes])
     _compare(fixes, MAX_M_S * time, 0.0, lambda i, j: f"in {time[j] - time[i]:.3g} s, faster than anyone runs")
@@ -154,7 +159,7 @@ def check_fixes_on_path(fixes: Sequence[Fix], t: Floats, position: Floats, unsee
 
     `unseen_s` (F,) is the time without samples up to each place. Heights may differ by more: there are lifts.
     """
-    level = [replace(fix, vertical_sigma_m=np.inf) for fix in (start_fix(float(t[0])), *fixes)]
+    level = [replace(fix, vertical_sigma_m=np.inf) for fix in (*list_start(fixes, float(t[0])), *fixes)]
     fixes = sorted(level, key=lambda fix: fix.time_s)
     moves = np.linalg.norm(np.diff(position, axis=0), axis=1)
     at, so_far = [fix.time_s for fix in fixes], np.concatenate([[0.0], np.cumsum(moves)])
@@ -167,9 +172,9 @@ def check_fixes_on_path(fixes: Sequence[Fix], t: Floats, position: Floats, unsee
     )
 
 
-def start_fix(time_s: float) -> Fix:
-    """Return the start of the walk as a fix."""
-    return Fix(time_s, np.zeros(3), MIN_SIGMA_M, MIN_SIGMA_M)
+def list_start(fixes: Sequence[Fix], time_s: float) -> list[Fix]:
+    """Return the start of the walk as a fix, if it is the zero of these fixes."""
+    return [Fix(time_s, np.zeros(3), MIN_SIGMA_M, MIN_SIGMA_M)] if fixes and fixes[0].origin is None else []
 
 
 def check_times(fixes: Sequence[Fix], begin_s: float, end_s: float) -> None:
@@ -210,7 +215,7 @@ def _compare(fixes: Sequence[Fix], reach: Floats, slack_m: float, explain: Calla
 
 
 @dataclass(frozen=True)
-class Gnss:
+class Gnss(Brief):
     """Fixes in the recording's time, m east and north of an origin at these geodetic degrees; heights are not used."""
 
     fixes: tuple[Fix, ...]

@@ -9,6 +9,7 @@ that changes with each switch-on; the smoother begins with it, and every estimat
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Brief, Floats
 from fg_nav.detection import StanceParameters, detect_stances
 from fg_nav.detection.mount import refuse_pocket, refuse_wrong_axes
 from fg_nav.detection.sensor_processing import refuse_high_pass, remove_gyro_delay
@@ -44,6 +45,8 @@ Mount: TypeAlias = Literal["foot", "pocket"]  # Where the sensor is worn.
 Magnetic: TypeAlias = Literal["all", "card"]  # Which factors of the field the graph has.
 
 OWN_GNSS = Path("own")  # in place of a file of GNSS fixes: those in the recording itself
+
+LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -94,7 +97,7 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Walk:
+class Walk(Brief):
     """What every method is given."""
 
     recording: Recording  # as the methods see it, once `correct_walk` has calibrated it
@@ -130,8 +133,11 @@ class Walk:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Remarks for the user on calibration and field."""
+        """Remarks for the user on fixes, calibration and field."""
         notes = []
+        if self.fixes and self.fixes[0].origin is not None:
+            latitude, longitude, _ = self.fixes[0].origin
+            notes.append(f"places are m east, north and up of the first fix, at {latitude:.7f}, {longitude:.7f} deg")
         if self.calibration is not None:
             notes.append(f"corrected by the calibration: {', '.join(self.applied) or 'nothing'}")
         if self.magnetometer is not None:
@@ -143,7 +149,7 @@ class Walk:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Outcome(Brief):
     """What one method made of a walk."""
 
     solution: Solution  # with the verdicts on the field in its table of stances
@@ -177,6 +183,10 @@ def read_walk(path: Path | str | Recording, options: Options = Options(), readin
             raise EstimationError("the recording is of no file, so it has no Location.csv: give the file of the fixes.")
         gnss = read_gnss(source if options.gnss_path == OWN_GNSS and source else options.gnss_path)
     recording = path if isinstance(path, Recording) else reading.read(path)
+    known, rate = recording.provenance, f"{1.0 / recording.period_s:.4g} Hz"
+    about = f"{known.path or 'arrays'}: {len(recording)} samples of format {known.format} at {rate}"
+    for words in (about, *known.notes):
+        LOG.info(words)
     recording = recording if truth is None else replace(recording, truth=truth)
     return replace(Walk.of(recording, options, calibration), fixes=fixes, gnss=gnss, places=places)
 
@@ -314,4 +324,6 @@ def evaluate_solution(walk: Walk, solution: Solution) -> Outcome:
         comparison = moment = None
         metrics = evaluate(solution)
         metrics = replace(metrics, notes=(*metrics.notes, f"truth left out: {error}"))
+    for words in metrics.notes:
+        LOG.info(words)
     return Outcome(solution, metrics, comparison, used, moment, polished)

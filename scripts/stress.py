@@ -102,7 +102,7 @@ class Follower:
 
     def __init__(self, source: str, words: Sequence[str]) -> None:
         self._out = tempfile.TemporaryFile()  # noqa: SIM115
-        command = [sys.executable, "-m", "fg_nav.cli", "stream", source, *words]
+        command = [sys.executable, "-m", "fg_nav", "stream", source, *words]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=self._out, stderr=subprocess.DEVNULL)
         assert self.process.stdin is not None
         self.stdin, self.highest_mb, self.lines = self.process.stdin, 0.0, list[dict[str, Any]]()

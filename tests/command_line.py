@@ -28,7 +28,7 @@ FgNav = Callable[..., Ran]
 
 def in_a_process(*arguments: object, cwd: Path | None = None, python: tuple[str, ...] = (), **environment: str) -> Ran:
     """Run the command line as a program of its own, both outputs in pipes."""
-    words = [sys.executable, *python, "-m", "fg_nav.cli", *map(str, arguments)]
+    words = [sys.executable, *python, "-m", "fg_nav", *map(str, arguments)]
     variables = os.environ | {"PYTHONPATH": str(Path(cli.__file__).parents[2])} | environment
     ran = subprocess.run(words, capture_output=True, text=True, check=False, cwd=cwd, env=variables)
     return Ran(ran.returncode, ran.stdout, ran.stderr)

@@ -79,7 +79,7 @@ def test_the_report_gtsam_and_matplotlib_each_have_their_place():
         ("fg_nav.lab.reproduce", COMMANDS | {"fg_nav.lab.reproduce"}),
         ("fg_nav.lab.campaign", COMMANDS | {"fg_nav.lab.campaign", "fg_nav.lab.reproduce"}),
         ("fg_nav.commands", COMMANDS),
-        ("fg_nav.cli", {"fg_nav.cli"}),
+        ("fg_nav.cli", {"fg_nav.cli", "fg_nav.__main__"}),
         ("gtsam", {"fg_nav.smoother", "fg_nav.online", "fg_nav.factors"}),
         ("matplotlib", {"fg_nav.report", "fg_nav.lab.reproduce", *DRAWING}),
     ):

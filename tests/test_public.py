@@ -128,3 +128,29 @@ def test_two_feet_are_saved_and_drawn(walk: Recording) -> None:
     assert result.save("both.geojson", origin=(48.0, 11.0)).stat().st_size > 0
     assert result.plot().get_xlabel() == "x (m)"
     assert len(result.to_dataframe("footfalls")) == len(result.stances)
+
+
+def test_what_is_printed_is_a_line_and_a_notebook_shows_a_table(walk: Recording) -> None:
+    result = fg_nav.navigate(walk)
+    smoothed = fg_nav.smooth_graph(walk, result.walk.stances, heading=None, field=result.walk.field)
+    parts = (*vars(result).values(), *vars(result.walk).values(), smoothed, *vars(smoothed).values(), smoothed.nodes)
+    ours = [one for one in (*parts, simulate("demo", 1)) if type(one).__module__.startswith("fg_nav")]
+    assert len(ours) > 10
+    assert [type(one) for one in ours if len(repr(one)) > 800 or "\n" in repr(one)] == []
+    assert repr(result.walk.stances).startswith("Stances(start=int64(17,), stop=int64(17,), ")
+    # every factor of the graph has its kind, of which the summary counts the same, and its name
+    table = smoothed.factors
+    assert table.error.sum() == pytest.approx(smoothed.graph.error(smoothed.values))
+    assert dict(table.kind.value_counts()) == {"": (table.kind == "").sum()} | {
+        kind: count for kind, count in smoothed.solution.graph.items() if count
+    }
+    assert {"stance velocity", "magnetic heading", "GalileanImuFactor", "zero rate"} <= set(table.name)
+    # in a notebook
+    for one, words in ((walk, "4000 samples over"), (result, "<th>distance</th>"), (smoothed.solution, "<svg ")):
+        html = one._repr_html_()
+        assert words in html
+        assert len(html) < 20_000
+    corners = re.findall(r'points="([^"]+)"', result._repr_html_())[-1].split()
+    drawn = np.array([corner.split(",") for corner in corners], dtype=float)
+    seen, walked = np.ptp(drawn, axis=0), np.ptp(result.outcome.comparison.estimate[:, :2], axis=0)
+    np.testing.assert_allclose(seen / seen.max(), walked / walked.max(), atol=0.01)  # to scale

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn, get_type_hints
 
 import typer
 
-from fg_nav.commands.requests import GROUPS, REQUESTS, Request
+from fg_nav.commands.requests import ALL_WORDS, GROUPS, REQUESTS, Request
 from fg_nav.errors import FgNavError, describe_reason
 from fg_nav.lab import verbs as laboratory
 from fg_nav.system.processes import collect_seldom
@@ -46,14 +46,31 @@ app = typer.Typer(
     help="Turn the recording of a foot-mounted inertial sensor into a trajectory with uncertainties.",
     **SETTINGS,
 )
-lab = typer.Typer(help="Simulated walks, campaigns of them, experiments of papers, and noise of sensors.", **SETTINGS)
+lab = typer.Typer(help="The laboratory: simulated walks, fields, campaigns, papers, noise of sensors.", **SETTINGS)
 
 
-def add_command(verbs: typer.Typer, form: type[Request]) -> None:
+def show_everything(context: typer.Context, is_asked: bool) -> None:
+    """Print the help with the verbs and options that are hidden, and all words of the others, and exit."""
+    if not is_asked or context.resilient_parsing:
+        return
+    command: Any = context.command
+    for one in (*command.params, *getattr(command, "commands", {}).values()):
+        one.hidden = False
+        one.help = ALL_WORDS.get(getattr(one, "help", ""), getattr(one, "help", ""))
+    typer.echo(context.get_help())
+    raise typer.Exit
+
+
+HELP_ALL: Any = typer.Option(
+    False, "--help-all", help="Show what is seldom needed too.", is_eager=True, callback=show_everything
+)
+
+
+def add_command(verbs: typer.Typer, form: type[Request], hidden: bool = False) -> None:
     """Add the verb of a request: its options are the fields by group, the class's own before those of its bases."""
     module, _, verb = form.verb.partition(":")
 
-    def call(**given: Any) -> None:
+    def call(help_all: bool = False, **given: Any) -> None:
         answer(form(**given), getattr(import_module(module), verb))
 
     items, hints = {item.name: item for item in fields(form)}, get_type_hints(form)
@@ -62,21 +79,23 @@ def add_command(verbs: typer.Typer, form: type[Request]) -> None:
     )
     groups = (None, *GROUPS)  # arguments are in none
     options = {name: items[name].metadata["typer"] for name in names}
+    if any(one.hidden or ALL_WORDS.get(one.help, one.help) != one.help for one in options.values()):
+        options, hints = {"help_all": HELP_ALL, **options}, {"help_all": bool, **hints}
     call.__dict__["__signature__"] = Signature(
         [
             Parameter(name, Parameter.KEYWORD_ONLY, default=options[name], annotation=hints[name])
-            for name in sorted(names, key=lambda name: groups.index(options[name].rich_help_panel))
+            for name in sorted(options, key=lambda name: groups.index(options[name].rich_help_panel))
         ]
     )
-    call.__annotations__ = {name: hints[name] for name in names}
-    verbs.command(verb, help=cleandoc(form.__doc__ or ""))(call)
+    call.__annotations__ = {name: hints[name] for name in options}
+    verbs.command(verb, help=cleandoc(form.__doc__ or ""), hidden=hidden)(call)
 
 
 def answer(request: Request, verb: Callable[[Any], Answer]) -> None:
-    """Run a verb, quietly if that was asked for, and print its answer."""
-    from fg_nav.report.terminal import hush
+    """Run a verb, log what it says, and print its answer."""
+    from fg_nav.report.terminal import log_records
 
-    with hush(request.quiet):
+    with log_records(request.quiet, request.verbose, request.log):
         found = verb(request)
         if request.json:
             from fg_nav.text import to_json
@@ -89,7 +108,7 @@ def answer(request: Request, verb: Callable[[Any], Answer]) -> None:
 
 
 for form in (*REQUESTS, *laboratory.BESIDE):
-    add_command(app, form)
+    add_command(app, form, hidden=form in laboratory.BELOW)  # they are in `lab` too
 for form in laboratory.BELOW:
     add_command(lab, form)
 app.add_typer(lab, name="lab")
@@ -119,7 +138,10 @@ def main() -> NoReturn:
 
 
 @app.callback(invoke_without_command=True)
-def _program(version: Annotated[bool, typer.Option("--version", help="Show the version.")] = False) -> None:
+def _program(
+    version: Annotated[bool, typer.Option("--version", help="Show the version.")] = False,
+    help_all: bool = HELP_ALL,
+) -> None:
     if version:
         from fg_nav.text import find_version
 

@@ -289,8 +289,9 @@ def choose_columns(
 
 
 def has_word(name: str, word: str | None) -> bool:
-    """Whether the name of a column, without its unit, has a word in it."""
-    return word is None or word.casefold() in re.sub(r"[(\[].*", "", name).casefold()
+    """Whether the name of a column, without its unit, has a word in it; a single letter by itself, as in L_acc_x."""
+    plain = re.sub(r"[(\[].*", "", name).casefold()
+    return word is None or word.casefold() in (plain if len(word) > 1 else re.split(r"[^a-z0-9]+", plain))
 
 
 def find_pressure(names: Sequence[str], sensor: str | None = None) -> Channel | None:

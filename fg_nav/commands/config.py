@@ -7,6 +7,7 @@ distance belong to a recording: they are taken for the one that the configuratio
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -78,6 +79,10 @@ class Config(BaseModel):
             "step_constant": given.step_constant_m,
         }
 
+    def is_of(self, recording: Path) -> bool:
+        """Whether it was written for this recording."""
+        return self.recording is not None and Path(self.recording).resolve() == recording.resolve()
+
     def bind(self, options: Options, recording: Path) -> Options:
         """Return the options, completed by what belongs to the recording where this was written for it."""
         given = self.given
@@ -86,9 +91,10 @@ class Config(BaseModel):
             for name, file in (("fixes", given.fixes), ("gnss", given.gnss), ("truth", given.truth))
         }
         taken = {key: value for key, value in own.items() if value is not None and getattr(options, key) is None}
-        if taken and (self.recording is None or Path(self.recording).resolve() != recording.resolve()):
+        if taken and not self.is_of(recording):
             names = ", ".join(key.rpartition("_")[0] for key in taken)
-            remark(f"note: the configuration is of {self.recording}: its {names} left out for {recording}")
+            words = f"note: the configuration is of {self.recording}: its {names} left out for {recording}"
+            remark(words, logging.WARNING)
             return options
         return replace(options, **taken)  # type: ignore[arg-type]
 

@@ -65,9 +65,10 @@ def export(request: ExportRequest) -> Answer:
     own = [file for file in out if file.name in RESULT_FILES and file.parent.resolve() == folder.resolve()]
     if own:
         raise OutputError(f"{own[0]} is a file of the result itself: choose another name.")
+    found = read_result(folder)
+    place = place or found.origin
     for file in out:
         check_export(file, place, force)
-    found = read_result(folder)
     track = replace(found, start=began).turn(request.turn)
     if request.turn:
         track = replace(track, notes=())  # whoever turns a path knows its north

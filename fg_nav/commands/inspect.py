@@ -10,7 +10,7 @@ import numpy as np
 
 from fg_nav.commands.requests import InspectRequest
 from fg_nav.commands.shared import Answer, answer_each, choose_reading, refuse_misfits, show_number
-from fg_nav.detection.mount import NO_EVIDENCE, SUSPECT, AxesEvidence
+from fg_nav.detection.mount import NO_EVIDENCE, SUSPECT, AxesEvidence, Wearing
 from fg_nav.errors import RecordingError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.inspection import Inspection, Range
@@ -34,13 +34,13 @@ def inspect(request: InspectRequest) -> Answer:
     files, reading = list(dict.fromkeys(request.files)), choose_reading(request)
     refuse_misfits(request, recordings=len(files))
     if len(files) == 1:
-        return inspect_one(files[0], reading)
-    return answer_each(files, lambda file: inspect_one(file, reading), INSPECT_COLUMNS)
+        return inspect_one(files[0], reading, request.mount)
+    return answer_each(files, lambda file: inspect_one(file, reading, request.mount), INSPECT_COLUMNS)
 
 
-def inspect_one(file: Path, reading: Reading) -> Answer:
+def inspect_one(file: Path, reading: Reading, mount: Wearing | None = None) -> Answer:
     """Inspect a file; a recording that cannot be navigated with is a failure."""
-    found = inspect_recording(reading.read_raw(file))
+    found = inspect_recording(reading.read_raw(file), mount)
     # for scripts: units in the names (SI, deg/s, uT)
     field, axes = found.field, {name: getattr(found.axes, name) for name in ("strides", "against")}
     about_field = field and {
@@ -97,6 +97,7 @@ def list_figures(found: Inspection) -> list[tuple[str, str]]:
         ("rest", f"{rest.duration_s:.1f} s"),
         (f"|acc| {where}", _number(rest.acc_m_s2, "{:.3f} m/s^2") + f" (gravity {GRAVITY_M_S2:.3f})"),
         ("gyro bias at rest", f"{bias} deg/s" if np.isfinite(rest.gyro_bias_deg_s).all() else "unknown"),
+        ("turns like", {"foot": "a foot", "pocket": "a thigh that walks"}.get(found.wearing or "", "not clear")),
         ("axes", _axes_words(found.axes)),
         ("magnetic field", strength),
         *pressure,

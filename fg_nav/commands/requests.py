@@ -39,6 +39,9 @@ _FILTERS = [name for name in METHODS["foot"] if name + RTS in METHODS["foot"]]
 _USUAL = [name for name in METHODS["foot"] if name not in _FILTERS and not name.endswith(RTS)]
 METHOD_NAMES = f"{_list_words(_USUAL)}; or a filter: {_list_words(_FILTERS)}, each also smoothed, as `iez{RTS}`"
 METHOD_WORDS = f"{METHOD_NAMES}. With --mount pocket: {_list_words(METHODS['pocket'])}."
+USUAL_METHODS = "smoother; inertial, without the field; iez, a filter; with --mount pocket: pocket. More: --help-all."
+
+ALL_WORDS: dict[str, str] = {}  # Of `--help-all`, by the help in whose place they are.
 
 
 def complete_by(list_names: Callable[[], Iterable[str]]) -> Completer:
@@ -88,8 +91,12 @@ def argument(metavar: str | None, help: str, default: Any = ..., **others: Any) 
 def option(
     panel: str, help: str, metavar: str | None = None, default: Any = None, name: str | None = None, **others: Any
 ) -> Any:
-    """Return a field that is an option in a group of the help, named as the field; `others` as of `typer.Option`."""
-    names = () if name is None else (name,)
+    """Return a field that is an option in a group of the help, named as the field; `others` as of `typer.Option`.
+
+    One that is `hidden`, or has other words in `everything`, is in the help by `--help-all`.
+    """
+    ALL_WORDS[help] = others.pop("everything", help)
+    names = () if name is None else name.split(",")
     info = typer.Option(default, *names, metavar=metavar, help=help, rich_help_panel=panel, **others)
     return field(default=MISSING if default is ... else default, metadata={"typer": info})
 
@@ -107,6 +114,8 @@ class Request:
 
     json: bool = flag(OUTPUT, "Print one JSON document, for scripts, and nothing else on standard output.", "--json")
     quiet: bool = flag(OUTPUT, "Print nothing but errors.", "--quiet")
+    verbose: int = option(OUTPUT, "Say remarks as they arise; -vv: steps.", None, 0, "--verbose,-v", count=True)
+    log: Path | None = option(OUTPUT, "Log all that into a file, with times and levels; at its end.", "FILE")
 
 
 @dataclass(kw_only=True, repr=False, eq=False)
@@ -127,7 +136,9 @@ class ReadingOptions:
         "Of a file without a clock: its samples are counted. With a sigma behind it, 200+-0.1. \\[default: 2 %]",
         "HZ[+-HZ]",
     )
-    sensor: str | None = option(INPUT, "Which of several sensors in the file.", "NAME")
+    sensor: str | None = option(
+        INPUT, "Which of several sensors in the file, by a word of its name; with --mount feet two, left,right.", "NAME"
+    )
 
 
 @dataclass(kw_only=True, repr=False, eq=False)
@@ -226,7 +237,8 @@ class AidOptions:
     step_constant: float | None = option(WALK, "Of the person, with --mount pocket: a step over its opening.", "M")
     fixes: Path | None = option(
         WALK,
-        "Known positions for the smoother: CSV time_s,x_m,y_m,z_m,sigma_m, m east, north and up of the start.",
+        "Known positions for the smoother: CSV time_s,x_m,y_m,z_m,sigma_m, m east, north and up of the start; or with "
+        "latitude_deg,longitude_deg[,height_m] in place of these, wherever it starts.",
         "FILE",
     )
     polish: bool = flag(METHOD, "Solve the walk in batch too at its end: trajectory_polished.tum.", "--polish")
@@ -274,7 +286,11 @@ class WalkOptions(
         f"Parameters of the filters: {_list_words(PRESETS)}. The smoother has no presets.",
         "NAME",
         default=PRESETS[0],
+        hidden=True,
         autocompletion=complete_by(lambda: PRESETS),
+    )
+    no_truth: bool = flag(
+        WALK, "Leave out truth.tum or NAME.truth.tum beside the recording, which else is its truth.", "--no-truth"
     )
     config: Any = option(
         METHOD,
@@ -301,6 +317,9 @@ class InspectRequest(ReadingOptions, BarometerOptions, Request):
     verb = "fg_nav.commands.inspect:inspect"
 
     files: list[Path] = argument("FILE...", "Files with a recording each.")
+    mount: Literal["foot", "pocket"] | None = option(
+        WALK, "Where the sensor was worn. \\[default: where it turns like it; else on a foot]"
+    )
 
 
 @dataclass(kw_only=True, repr=False, eq=False)
@@ -322,7 +341,11 @@ class RunRequest(WalkOptions, AidOptions):
 
     recordings: list[Path] = argument("RECORDING...", "Files with a recording each.")
     method: str | None = option(
-        METHOD, f"{METHOD_WORDS} \\[default: smoother, or pocket]", "NAME", autocompletion=complete_methods
+        METHOD,
+        f"{USUAL_METHODS} \\[default: smoother, or pocket]",
+        "NAME",
+        everything=f"{METHOD_WORDS} \\[default: smoother, or pocket]",
+        autocompletion=complete_methods,
     )
     magnetic: Literal["all", "card"] = option(
         METHOD,
@@ -333,7 +356,7 @@ class RunRequest(WalkOptions, AidOptions):
     mount: Literal["foot", "feet", "pocket"] = option(
         WALK,
         "Where the sensor was worn; a pocket is one of trousers. feet: a sensor on each foot, two recordings "
-        "of one walk.",
+        "of one walk, or one file with both, see --sensor.",
         default="foot",
     )
     sides: Literal["left,right", "right,left"] | None = option(
@@ -389,12 +412,15 @@ class CompareRequest(WalkOptions):
     verb = "fg_nav.commands.run:compare"
 
     recording: Path = argument("RECORDING", "File with the recording.")
-    methods: str = option(
+    methods: str | None = option(
         METHOD,
-        f"Methods, with commas between: {METHOD_NAMES}.",
+        f"With commas between: {USUAL_METHODS} \\[default: smoother,iez, or pocket,munoz-diaz2017]",
         "A,B",
-        default="smoother,iez",
-        autocompletion=complete_foot_methods,
+        everything=f"With commas between: {METHOD_WORDS} \\[default: smoother,iez, or pocket,munoz-diaz2017]",
+        autocompletion=complete_methods,
+    )
+    mount: Literal["foot", "pocket"] = option(
+        WALK, "Where the sensor was worn; a pocket is one of trousers.", default="foot"
     )
 
 

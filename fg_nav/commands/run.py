@@ -6,11 +6,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from fg_nav.commands.requests import CompareRequest, RunRequest
 from fg_nav.commands.shared import (
@@ -19,14 +19,17 @@ from fg_nav.commands.shared import (
     answer_each,
     choose_options,
     choose_reading,
+    find_truth,
+    name_truth,
     name_walk,
     refuse_misfits,
     run_methods,
     show_number,
     split_files,
 )
-from fg_nav.errors import EstimationError, PlacesError, VerdictError
+from fg_nav.errors import EstimationError, FormatError, PlacesError, VerdictError
 from fg_nav.estimators import METHODS, Method, check_use, find_method
+from fg_nav.feet import SIDES, Side
 from fg_nav.io.readers.table import refuse_sensor_tables
 from fg_nav.pipeline import navigate, prepare_walk, require_mag, take_places
 from fg_nav.report.files import Summary, write_comparison, write_feet, write_run
@@ -51,6 +54,14 @@ RESULT_COLUMNS = {
     "files": lambda content: str(content["folder"]),
 }
 """Of the table of several recordings."""
+
+COMPARED: Mapping[Mount, str] = {"foot": "smoother,iez", "pocket": "pocket,munoz-diaz2017"}
+"""Methods that are compared where none were named."""
+
+ONE_FILE = (
+    "--mount feet takes two recordings, one of each foot, or one file with both sensors: name them by --sensor A,B, as "
+    "--sensor left,right."
+)
 
 
 def run(request: RunRequest) -> Answer:
@@ -104,6 +115,13 @@ def _choose_changes(request: RunRequest | CompareRequest, methods: Sequence[Meth
     return choose_changes(request.config, request.settings or (), methods, mount, request.preset)
 
 
+def _wants_truth(request: RunRequest | CompareRequest, recording: Path) -> bool:
+    """Whether a truth beside a recording is to be looked for: not again where a configuration is of it."""
+    if request.no_truth and request.truth is not None:
+        raise EstimationError("--truth and --no-truth contradict each other: give one of them.")
+    return not request.no_truth and not (request.config is not None and request.config.is_of(recording))
+
+
 def _run_one(request: RunRequest, method: Method, options: Options, recording: Path, out: Path | None) -> Answer:
     """Navigate with one recording, and return the summary."""
     force = request.force and (out is not None or request.save_places is None)
@@ -112,6 +130,8 @@ def _run_one(request: RunRequest, method: Method, options: Options, recording: P
         options = request.config.bind(options, recording)
     with target, progress(method.name) as report:
         walk = read_walk(recording, options, choose_reading(request))
+        if _wants_truth(request, recording):
+            walk = find_truth(walk, recording)
         if request.save_places is not None:
             require_mag(walk)  # before the work
         result = navigate(walk, method.name, progress=report)
@@ -150,39 +170,39 @@ def run_feet(request: RunRequest, method: Method, options: Options) -> Answer:
 
     reading = replace(choose_reading(request), longest_gap_s=MAX_GAP_S)
     recordings, readings = request.recordings, [reading] * len(request.recordings)
-    # Two sensors of one file: the file counts twice.
-    sensors = [word.strip() for word in (request.sensor or "").split(",")]
+    # Two sensors of one file, by default those called left and right: the file counts twice.
+    sensors = [word.strip() for word in (request.sensor or ("left,right" if len(recordings) == 1 else "")).split(",")]
     if len(recordings) == 1 and len(sensors) == 2 and all(sensors):
         recordings, readings = [recordings[0]] * 2, [replace(reading, sensor=sensor) for sensor in sensors]
     if len(recordings) == 1:
-        raise EstimationError(
-            "--mount feet takes two recordings, one of each foot, or one of several sensors with two of them named by "
-            "--sensor A,B."
-        )
+        raise EstimationError(ONE_FILE)
     in_one = len(recordings) == 2 and recordings[0] == recordings[1]  # on one clock
     if len(recordings) != 2 or (in_one and readings[0] == readings[1]):
         given = "the same one twice" if in_one else f"{len(recordings)} of them"
         raise EstimationError(f"--mount feet takes two recordings, one of each foot, and was given {given}.")
-    truths = split_files("--truth", request.truth)
+    truths, wants_truth = split_files("--truth", request.truth), _wants_truth(request, recordings[0]) and not in_one
     calibrations = split_files("--calibration", request.calibration)
     # Sides by the names of the sensors, where they say them.
-    words = "".join(sensors).lower()
-    named: Order | None = None
-    if "left" in words and "right" in words:
-        named = "left,right" if words.find("left") < words.find("right") else "right,left"
+    sides = {(side, other): f"{side},{other}" for side, other in (SIDES, SIDES[::-1])}
+    named = next((order for pair, order in sides.items() if all(map(_names_side, sensors, pair))), None)
     target = Target(request.out, request.force, "-".join([*dict.fromkeys(map(name_walk, recordings)), method.name]))
     with target, progress(method.name) as report:
         walks = []
         for path, one, truth, calibration in zip(recordings, readings, truths, calibrations, strict=True):
             own = replace(options, heading_deg=None, truth_path=truth, calibration_path=calibration)
-            walks.append(read_walk(path, own, one))
+            try:
+                walks.append(read_walk(path, own, one))
+            except FormatError as error:
+                raise error if request.sensor or not in_one else EstimationError(f"{ONE_FILE} ({error})") from None
+        if wants_truth and all(name_truth(one).is_file() for one in recordings):
+            walks = list(map(find_truth, walks, recordings))
         result = navigate_feet(
             walks[0],
             walks[1],
             method.name,
             heading_deg=request.heading,
             clock_offset_s=0.0 if in_one and request.clock_offset is None else request.clock_offset,
-            sides=request.sides or (named if in_one else None),
+            sides=request.sides or (cast("Order | None", named) if in_one else None),
             progress=report,
         )
         with target.open() as folder:
@@ -190,15 +210,24 @@ def run_feet(request: RunRequest, method: Method, options: Options) -> Answer:
     return _answer(request, {"recordings": [str(one) for one in recordings]}, summary, target.place)
 
 
+def _names_side(sensor: str, side: Side) -> bool:
+    """Whether the name of a sensor says its foot: left, or l, lf."""
+    return side in sensor.lower() or sensor.lower() in (side[0], f"{side[0]}f")
+
+
 def compare(request: CompareRequest) -> Answer:
     """Run several methods on a recording, and return their summaries."""
-    methods = [find_method(name) for name in dict.fromkeys(word.strip() for word in request.methods.split(","))]
+    words = COMPARED[request.mount] if request.methods is None else request.methods
+    methods = [find_method(name, request.mount) for name in dict.fromkeys(word.strip() for word in words.split(","))]
     refuse_misfits(request, methods)
-    options = replace(choose_options(request), changes=_choose_changes(request, methods, "foot"))
+    changes = _choose_changes(request, methods, request.mount)
+    options = replace(choose_options(request), mount=request.mount, changes=changes)
+    wants_truth = _wants_truth(request, request.recording)
     if request.config is not None:
         options = request.config.bind(options, request.recording)
     with Target(request.out, request.force, f"{name_walk(request.recording)}-compare") as target:
-        walk = prepare_walk(read_walk(request.recording, options, choose_reading(request)))
+        walk = read_walk(request.recording, options, choose_reading(request))
+        walk = prepare_walk(find_truth(walk, request.recording) if wants_truth else walk)
         outcomes = run_methods(walk, [one.name for one in methods])
         with target.open() as folder:
             summaries = write_comparison(folder, walk, outcomes, request.plots)

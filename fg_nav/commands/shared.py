@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
 
 from fg_nav.commands.requests import (
     PRESETS,
@@ -22,7 +25,7 @@ from fg_nav.commands.requests import (
 from fg_nav.errors import EstimationError, FgNavError, FormatError, OutputError, RecordingError
 from fg_nav.estimators import Method, Use, check_use
 from fg_nav.report.folder import RESULT_FILES, claim_folder, fill_folder, hold_folder
-from fg_nav.report.terminal import console, progress, ruled_table
+from fg_nav.report.terminal import console, progress, remark, ruled_table
 from fg_nav.text import to_json
 
 if TYPE_CHECKING:
@@ -32,6 +35,9 @@ if TYPE_CHECKING:
 RESULTS = Path("results")  # Where results go for which no folder was named.
 MAX_SENTENCES = 5  # On recordings that failed; each has its own in the JSON.
 PACKED = (".gz", ".zip", ".bz2", ".xz")
+TRUTH = "truth.tum"  # A truth beside its recording, as `fg-nav simulate` leaves it.
+SAME_SPAN_S = 0.5  # By which a truth and its recording, one of several, begin and end apart.
+LOG = logging.getLogger(__name__)
 NAMELESS = re.compile(  # Names of files that say what is in them and not which walk it is: their folder says that.
     "recording|record|(raw)?data|samples|sensors?|imu|log|export"
     "|(total|linear)?acc(el|eleration|elerometer)?(uncalibrated)?|gyr(o|oscope)?(uncalibrated)?"
@@ -51,6 +57,44 @@ def name_walk(recording: Path) -> str:
     if recording.is_dir() or not NAMELESS.fullmatch(re.sub("[ _-]", "", name)):
         return name
     return recording.resolve().parent.name or name
+
+
+def name_truth(recording: Path) -> Path:
+    """Return where the truth of a recording is that is one of several in a folder."""
+    stem = (recording.with_suffix("") if recording.suffix.lower() in PACKED else recording).stem
+    return recording.with_name(f"{stem}.{TRUTH}")
+
+
+def find_truth(walk: Walk, recording: Path) -> Walk:
+    """Return the walk with the truth beside its recording, if it has none; a remark says so, or why it is not used.
+
+    `NAME.truth.tum` is that of NAME. `truth.tum` is that of the only recording in its folder, and of several that of
+    one which begins and ends with it.
+    """
+    from fg_nav.evaluation.comparison import share_truth
+    from fg_nav.io import read_truth
+    from fg_nav.truth import TrajectoryTruth, check_truth
+
+    folder, named = recording if recording.is_dir() else recording.parent, name_truth(recording)
+    file = named if named.is_file() else folder / TRUTH
+    if walk.truth is not None or not file.is_file():
+        return walk
+    others = () if folder == recording else folder.glob(f"*{recording.suffix}")
+    t, is_only = walk.recording.t, file == named or all(one.name == recording.name for one in others)
+    try:
+        truth = read_truth(file)
+        if not isinstance(truth, TrajectoryTruth):
+            raise FormatError(f"{file.name} is no path.")
+        if not is_only and np.abs(truth.t[[0, -1]] - t[[0, -1]]).max() > SAME_SPAN_S:
+            LOG.info(f"{file} does not begin and end with {recording.name}: it may be of another recording there")
+            return walk
+        check_truth(truth, t)
+        share_truth(truth, t)
+    except FgNavError as error:
+        remark(f"note: {file}, beside the recording, is not used: {error}", logging.WARNING)
+        return walk
+    remark(f"note: {file}, beside the recording, is taken for its truth; --no-truth leaves it out")
+    return replace(walk, truth=truth, options=replace(walk.options, truth_path=file))
 
 
 @dataclass(frozen=True)
@@ -137,7 +181,7 @@ def refuse_misfits(request: Request, methods: Sequence[Method] = (), recordings:
     """Raise `EstimationError` for the first option of a request that does not fit its mount, methods or recordings."""
     from fg_nav.walk import OWN_GNSS  # of every recording its own
 
-    mount, no_mag = getattr(request, "mount", "foot"), getattr(request, "no_mag", False)
+    mount, no_mag = getattr(request, "mount", None) or "foot", getattr(request, "no_mag", False)
     names = {"right": "a second source", "settings": "--set"}
     for item in fields(request):
         value, where = getattr(request, item.name), APPLIES.get(item.name)

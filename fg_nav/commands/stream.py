@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
 import tempfile
@@ -160,9 +161,9 @@ def _check_positive(value: float | None, name: str) -> float | None:
     return value
 
 
-def remark(words: str) -> None:
+def remark(words: str, level: int = logging.INFO) -> None:
     """Print a sentence for people, apart from the lines."""
-    terminal.remark(f"fg-nav: {words}")
+    terminal.remark(f"fg-nav: {words}", level)
 
 
 def drop_line(line: str) -> None:
@@ -190,7 +191,9 @@ class LinePrinter:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # so that the exit is quiet
             gone = isinstance(error, BrokenPipeError)
             why = "have no reader any more" if gone else f"cannot be written any more ({describe_reason(error)})"
-            remark(f"the lines {why}: the walk goes on without them, and its result comes into a folder.")
+            remark(
+                f"the lines {why}: the walk goes on without them, and its result comes into a folder.", logging.WARNING
+            )
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.special import chdtri
 
-from fg_nav.arrays import Bools, Floats, Ints, find_runs
+from fg_nav.arrays import Bools, Brief, Floats, Ints, find_runs
 from fg_nav.detection.footfalls import SWING_RATE_RAD_S, find_footfalls
 from fg_nav.errors import DetectionError
 from fg_nav.frames import GRAVITY_M_S2
@@ -42,7 +42,7 @@ MIN_S = 0.015  # Shorter stances are dropped; those of running last 50 ms and mo
 
 
 @dataclass(frozen=True)
-class Stances:
+class Stances(Brief):
     """Stance intervals over a recording of `n_samples`.
 
     ========= ==== ==========================================================================================

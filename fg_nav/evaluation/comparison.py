@@ -35,7 +35,7 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats, Ints, interpolate_columns
+from fg_nav.arrays import Bools, Brief, Floats, Ints, interpolate_columns
 from fg_nav.errors import EvaluationError
 from fg_nav.frames import yaw_rotation
 from fg_nav.solution import Solution
@@ -120,7 +120,7 @@ def _center_plane(position: Floats) -> np.ndarray[tuple[int], np.dtype[np.comple
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(Brief):
     """Matched points in the truth's frame."""
 
     alignment: Alignment  # From the solution's frame to the truth's.

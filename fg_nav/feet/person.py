@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fg_nav.arrays import Floats, interpolate_columns
+from fg_nav.arrays import Brief, Floats, interpolate_columns
 from fg_nav.frames import yaw_rotation
 from fg_nav.samples.gaps import find_unrecorded, list_unrecorded
 from fg_nav.solution import Solution, StanceTable
@@ -31,7 +31,7 @@ SEAM_S = 1.5  # A stride: the middle of two feet is not that of one, but for a m
 
 
 @dataclass(frozen=True)
-class FeetSolution:
+class FeetSolution(Brief):
     """Two feet of one person as they were solved together, in one frame."""
 
     right: Solution  # each foot with the sigmas that it has beside the other

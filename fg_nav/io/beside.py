@@ -116,6 +116,7 @@ def pack_true_path(t: Floats, position: Floats, nav_R_body: Floats | None = None
 # Measurements
 
 FIX_COLUMNS = ("time_s", "x_m", "y_m", "z_m", "sigma_m")
+GEODETIC_COLUMNS = ("time_s", "latitude_deg", "longitude_deg", "height_m", "sigma_m")  # Without height_m too.
 
 _GNSS_COLUMNS = {  # Names by their letters alone, without units, the first that is there.
     "time": ("secondselapsed", "times", "time", "t", "seconds"),
@@ -128,22 +129,39 @@ _UNITS = re.compile(r"\(.*\)|\[.*\]")
 
 
 def read_fixes(path: Path | str) -> tuple[Fix, ...]:
-    """Read the fixes of a file.
+    """Read the fixes of a file, in m, or in degrees, which become m east, north and up of the first one.
 
-    Raises `FormatError` if a column is missing, a field is no number or (but for z) empty, or a sigma is not above 0.
+    Raises `FormatError` if a column is missing, a field is no number or (but for heights) empty, or a sigma is not
+    above 0.
     """
     content = read_content(Path(path))
-    table, line = TextTable(content, content.fields()).read_columns(FIX_COLUMNS)
+    names = content.fields()
+    columns = FIX_COLUMNS if "latitude_deg" not in names else GEODETIC_COLUMNS
+    is_flat = "height_m" in columns and "height_m" not in names
+    table, line = TextTable(content, names).read_columns([one for one in columns if not is_flat or one != "height_m"])
+    table = np.insert(table, 3, np.nan, axis=1) if is_flat else table
     needed = np.isfinite(np.delete(table, 3, axis=1)).all(axis=1) & ~np.isinf(table[:, 3])
+    on_earth = (columns is FIX_COLUMNS) | (np.abs(table[:, 1:3]) <= [90.0, 180.0]).all(axis=1)
     for good, what in (
-        (needed, "lacks a number (only z_m may be empty)"),
+        (needed, f"lacks a number (only {columns[3]} may be empty)"),
         (table[:, 4] > 0, "has no sigma above zero"),
+        (on_earth, "is no place on the Earth"),
     ):
         if not good.all():
             raise FormatError(f"{content.path.name}, line {line[np.argmin(good)]} {what}: correct or delete that line.")
+    origin = None
+    if columns is GEODETIC_COLUMNS:
+        from pymap3d import geodetic2enu
+
+        (latitude, longitude), height = table[0, 1:3].tolist(), table[:, 3]
+        seen = np.flatnonzero(np.isfinite(height))
+        zero = float(height[seen[0]]) if len(seen) else 0.0
+        known, origin = np.where(np.isnan(height), zero, height), (latitude, longitude, zero if len(seen) else None)
+        enu = np.column_stack(geodetic2enu(table[:, 1], table[:, 2], known, latitude, longitude, zero))
+        table[:, 1:4] = np.where(np.isnan(table[:, 1:4]), np.nan, enu)
     return tuple(
-        Fix(float(t), np.array([x, y, np.nan_to_num(z)]), float(sigma), float("inf") if np.isnan(z) else float(sigma))
-        for t, x, y, z, sigma in table
+        Fix(t, np.array([x, y, np.nan_to_num(z)]), sigma, float("inf") if np.isnan(z) else float(sigma), origin)
+        for t, x, y, z, sigma in table.tolist()
     )
 
 

@@ -28,6 +28,7 @@ from typing import IO, Any, cast
 from fg_nav.columns.mapping import Columns
 from fg_nav.errors import FgNavError, FormatError
 from fg_nav.io import matlab
+from fg_nav.text import suggest_install
 
 MAX_BYTES = 2**30  # A day of six sensors at 100 Hz in text; more does not fit the memory of a small computer.
 MAX_FILES = 1000  # No tool writes as many files for one recording; a home folder has more.
@@ -288,7 +289,7 @@ def explain_library(
     except FgNavError:
         raise
     except ImportError:
-        raise FormatError(f"{name} is {what}, which {library} reads: pip install 'fg-nav[{extra}]'.") from None
+        raise FormatError(f"{name} is {what}, which {library} reads: {suggest_install(extra)}.") from None
     except Exception as error:  # libraries raise errors of their own, and of what they are built on
         kind = what.split(" ", 1)[1]
         raise FormatError(f"{name} is a damaged {kind} ({type(error).__name__}): {remedy}.") from None

@@ -265,7 +265,7 @@ def _explain_unknown(content: Content) -> str:
     # a truth, fixes or a calibration given as the recording
     if "stride" in fields:
         return f"{name} is no recording but footprints: give them as the truth, fg-nav run RECORDING --truth {path}."
-    if fields >= {"time_s", "x_m", "y_m", "sigma_m"}:
+    if fields >= {"time_s", "sigma_m"} and not fields.isdisjoint({"x_m", "latitude_deg"}):
         return f"{name} is no recording but known positions: give them as fg-nav run RECORDING --fixes {path}."
     if any('"fg-nav calibration"' in line for line in content.lines[:20]):
         return f"{name} is no recording but a calibration: give it as fg-nav run RECORDING --calibration {path}."

@@ -18,6 +18,7 @@ from fg_nav.columns.mapping import ACC, GYR, MAG, PRESSURE, TIME
 from fg_nav.errors import OutputError
 from fg_nav.frames import quaternion_xyzw
 from fg_nav.recording import RawRecording, Recording
+from fg_nav.text import suggest_install
 
 _BLOCK_ROWS = 20_000
 
@@ -74,7 +75,7 @@ def write_parquet(recording: Recording | RawRecording, path: Path) -> None:
         import pyarrow.parquet
     except ImportError:
         raise OutputError(
-            f"{path.name}: pyarrow writes Parquet, and is not installed: pip install 'fg-nav[parquet]'."
+            f"{path.name}: pyarrow writes Parquet, and is not installed: {suggest_install('parquet')}."
         ) from None
     names, samples = tabulate_samples(recording)
     pyarrow.parquet.write_table(pyarrow.table(dict(zip(names, samples.T, strict=True))), path)

@@ -73,7 +73,7 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 from scipy.special import chdtri, chndtrix
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Bools, Brief, Floats, Ints
 from fg_nav.errors import MagneticError
 from fg_nav.frames import average_angles, wrap_angle
 from fg_nav.magnetic.footfall_field import FootfallField
@@ -371,7 +371,7 @@ class OverThreshold:
 
 
 @dataclass(frozen=True)
-class FieldVerdicts(OverThreshold):
+class FieldVerdicts(Brief, OverThreshold):
     """Verdicts on the field, one a footfall."""
 
     detector: str  # Its name.

@@ -27,7 +27,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Bools, Brief, Floats, Ints
 from fg_nav.detection.rest import find_longest, find_start
 from fg_nav.detection.stance import Stances
 from fg_nav.errors import MagneticError
@@ -76,7 +76,7 @@ MIN_SAMPLES = 2  # Of the field at a footfall: scatter and drift need two.
 
 
 @dataclass(frozen=True)
-class FootfallField:
+class FootfallField(Brief):
     """The field at F footfalls, at the stillest sample of each."""
 
     sample: Ints  # (F,) index into the recording.

@@ -55,6 +55,8 @@ class OnlineOptions:
 
     def __post_init__(self) -> None:
         check_fixes(self.fixes)
+        if self.fixes and self.fixes[0].origin is not None:
+            raise EstimationError("online the start is the origin: give fixes in m from there, or choose the smoother.")
 
 
 class SampleBuffer:

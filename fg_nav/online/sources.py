@@ -31,6 +31,7 @@ from fg_nav.online.buffer import rows_of
 from fg_nav.online.rows import Columns, RowReader
 from fg_nav.recording import Recording
 from fg_nav.samples.readings import COLUMNS
+from fg_nav.text import suggest_install
 
 Remark = Callable[[str], None]  # Called with a sentence for people.
 Connection: TypeAlias = tuple[Callable[[], Awaitable[bytes]], Callable[[], None]]  # Read, b"" at the end; close.
@@ -395,7 +396,7 @@ class SerialDevice(ConnectedSource):
 
     def __init__(self, reader: RowReader, baud: int) -> None:
         super().__init__(reader)
-        missing = "pyserial is not installed: pip install 'fg-nav[serial]'."
+        missing = f"pyserial is not installed: {suggest_install('serial')}."
         try:
             import serial
 

@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from fg_nav.arrays import Floats, interpolate_columns
+from fg_nav.arrays import Brief, Floats, interpolate_columns
 from fg_nav.errors import PlacesError, describe_reason
 from fg_nav.places.signature import MIN_POINTS, Signature, trace_signature
 from fg_nav.text import find_version
@@ -35,7 +35,7 @@ Arrays: TypeAlias = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True)
-class SavedPlaces:
+class SavedPlaces(Brief):
     """The places of a walk: its signature, the sigmas (K, 3) m of its positions, and the name of its recording."""
 
     path: Signature

@@ -58,7 +58,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fg_nav.arrays import MAD_TO_SIGMA, Bools, Complexes, Floats, interpolate_columns
+from fg_nav.arrays import MAD_TO_SIGMA, Bools, Brief, Complexes, Floats, interpolate_columns
 
 SPACING_M = 0.5  # Of the points along the path: four to the shortest wavelength that repeats.
 BLOCK = 8  # Points of a block, 4 m, the smallest piece that candidates are made of.
@@ -79,7 +79,7 @@ TURNED = np.array([-1.0, -1.0, 1.0])  # Signs of along, left, up there.
 
 
 @dataclass(frozen=True)
-class Signature:
+class Signature(Brief):
     """The field along a path, at K points that are `SPACING_M` apart."""
 
     distance_m: Floats  #: (K,) walked so far.

@@ -12,6 +12,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeGuard
 
+import numpy as np
 import pandas as pd
 
 from fg_nav.errors import OutputError
@@ -26,11 +27,13 @@ from fg_nav.report import Plots
 from fg_nav.report.folder import result_folder
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.text import find_version, to_json
+from fg_nav.truth import FIX_SPEED_M_S
 from fg_nav.verdict import Verdict, judge_footfalls, judge_path
 from fg_nav.walk import Outcome, Walk
 
 if TYPE_CHECKING:
     from fg_nav.both_feet import FeetResult
+    from fg_nav.report.charts import Paths
 
 Summary: TypeAlias = dict[str, object]  # Figures of merit, ready for JSON; None where unknown.
 
@@ -200,7 +203,7 @@ def write_json(path: Path, content: object) -> None:
 # --- a single solution -----------------------------------------------------------------------------------------------
 
 
-def save_solution(solution: Solution, path: Path, force: bool = False, origin: Sequence[float] | None = None) -> Path:
+def save_solution(solution: Solution, path: Path, force: bool = False, origin: Sequence[Any] | None = None) -> Path:
     """Write a solution into a folder, or into a file of the format of its ending; return the path.
 
     `origin` is the start of the walk on the Earth, for maps: latitude, longitude, and height where it is known.
@@ -213,6 +216,7 @@ def save_solution(solution: Solution, path: Path, force: bool = False, origin: S
             from fg_nav.report.export.track import ExportTrack, Origin
 
             track = ExportTrack.of(solution, path.stem)
+            origin = origin or (find_origin(solution.walk, solution) if isinstance(solution, Result) else None)
             export_track(track, path, None if origin is None else Origin(*origin), force)
             return path
         with result_folder(path, force) as folder:
@@ -233,16 +237,20 @@ def save_solution(solution: Solution, path: Path, force: bool = False, origin: S
 
 def plot_solution(solution: Solution, axes: Any = None) -> Any:
     """Draw a solution from above, with its truth where it has one; return the axes."""
-    from fg_nav.report.charts import align_feet, align_paths
     from fg_nav.report.plots.style import draw_on_screen
 
+    return draw_on_screen(align_any(solution), axes)
+
+
+def align_any(solution: Solution) -> Paths:
+    """Return the paths of a picture of a solution, aligned with its truth where it has one."""
+    from fg_nav.report.charts import align_feet, align_paths
+
     if isinstance(solution, Result):
-        paths = align_paths({solution.method: solution.outcome}, solution.walk)
-    elif is_of_feet(solution):
-        paths = align_feet(solution)
-    else:
-        paths = align_paths({solution.method: Outcome(solution, evaluate(solution), None)}, None)
-    return draw_on_screen(paths, axes)
+        return align_paths({solution.method: solution.outcome}, solution.walk)
+    if is_of_feet(solution):
+        return align_feet(solution)
+    return align_paths({solution.method: Outcome(solution, evaluate(solution), None)}, None)
 
 
 def is_of_feet(solution: Solution) -> TypeGuard[FeetResult]:
@@ -283,6 +291,10 @@ def summarize(walk: Walk, outcome: Outcome, verdict: Verdict | None = None) -> S
         figures["returns"] = [one.describe() for one in solution.returns]
     if walk.places is not None:
         figures["located"] = None if solution.located is None else solution.located.describe()
+    if walk.fixes:
+        figures["fixes"] = measure_fixes(walk, solution)
+    if (origin := find_origin(walk, solution)) is not None:
+        figures["origin"] = list(origin)
     field = "not used (none given)"
     if outcome.field_used:
         field = "used"
@@ -295,6 +307,28 @@ def summarize(walk: Walk, outcome: Outcome, verdict: Verdict | None = None) -> S
     delay = None if walk.magnetometer is None else walk.magnetometer.delay
     figures["magnetometer_delay"] = None if delay is None else {**asdict(delay), "taken_off": delay.taken_off}
     return figures | {"notes": [*collect_remarks(walk), *solution.notes, *metrics.notes]}
+
+
+def measure_fixes(walk: Walk, solution: Solution) -> dict[str, float]:
+    """Return the number of fixes, their distance over ground from where the foot stood, and those beyond 3 sigma."""
+    time, standing = np.array([fix.time_s for fix in walk.fixes]), np.flatnonzero(walk.stances.mask)
+    after = np.searchsorted(solution.t[standing], time)
+    # of the samples before and after at which it stood, the nearer one
+    samples = standing[np.clip([after - 1, after], 0, len(standing) - 1)]
+    off = solution.position[samples] - [fix.position for fix in walk.fixes]
+    nearer = (off[..., :2] ** 2).sum(axis=2).argmin(axis=0), np.arange(len(time))
+    sigma = np.array([[fix.horizontal_sigma_m] * 2 + [fix.vertical_sigma_m] for fix in walk.fixes])
+    sigma[:, :2] = np.hypot(sigma[:, :2], FIX_SPEED_M_S * np.abs(time - solution.t[samples[nearer]])[:, None])
+    off, rms = off[nearer], float(np.sqrt(2.0 * (off[nearer][:, :2] ** 2).mean()))
+    return {"count": len(time), "rms_m": rms, "beyond_3_sigma": int((np.abs(off) > 3.0 * sigma).any(axis=1).sum())}
+
+
+def find_origin(walk: Walk, solution: Solution) -> tuple[float, float, float | None] | None:
+    """Return latitude, longitude (deg) and height (m) of the zero of a path, where fixes or a receiver show it."""
+    start = solution.parameters.get("gnss_start")
+    if isinstance(start, dict):
+        return start["latitude_deg"], start["longitude_deg"], None
+    return walk.fixes[0].origin if walk.fixes else None
 
 
 def summarize_lagged(solution: Solution) -> Summary:

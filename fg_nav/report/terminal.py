@@ -1,11 +1,13 @@
-"""Figures of merit as tables, printed output, and progress on a terminal only.
+"""Figures of merit as tables, printed output, remarks and log records, and progress on a terminal only.
 
 In a pipe all is plain text, lines unbroken.
 """
 
 from __future__ import annotations
 
+import logging
 import re
+import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -20,8 +22,12 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
+from fg_nav.errors import FgNavError, OutputError, describe_reason
 from fg_nav.report import REPORT
-from fg_nav.text import format_count, format_digits
+from fg_nav.text import CUT, format_count, format_digits
+
+FIRST = (CUT, "on the places of ", "nothing of the saved places ")  # Beginnings of notes that are printed as well.
+
 
 format_sigma = partial(format_digits, digits=2)
 
@@ -102,25 +108,66 @@ def group_notes(notes: Sequence[tuple[str, str]]) -> dict[str, list[tuple[str, s
     return {title: found for title, found in groups.items() if found}
 
 
-_hushed = False  # Whether only errors are printed (`hush`); of the process, as its threads print too.
+# --- remarks: the loggers `fg_nav.*` ----------------------------------------------------------------------------------
+
+REMARKS = logging.getLogger("fg_nav.remarks")  # What a command says as it goes on, also without -v.
+LEVELS = (logging.WARNING, logging.INFO, logging.DEBUG)  # Of all other loggers on the terminal: plain, -v, -vv.
+LINE = "%(asctime)s %(levelname)s %(name)s: %(message)s"  # Of a log file.
+
+_hushed = False  # Whether only errors are printed; of the process, as its threads print too.
+
+
+class TerminalHandler(logging.Handler):
+    """Prints remarks, and of other loggers what is at `least` of this level, on standard error; not errors."""
+
+    def __init__(self, least: int) -> None:
+        super().__init__()
+        self._least = least
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print a record; a closed output is ignored."""
+        least = min(self._least, logging.INFO) if record.name == REMARKS.name else self._least
+        if not _hushed and least <= record.levelno < logging.ERROR:
+            with suppress(OSError):
+                print(self.format(record), file=sys.stderr, flush=True)  # noqa: T201
 
 
 @contextmanager
-def hush(quiet: bool) -> Iterator[None]:
-    """While the block runs, print no remarks and no progress, if `quiet`."""
+def log_records(quiet: bool, verbose: int = 0, file: Path | None = None) -> Iterator[None]:
+    """While the block runs, log to the terminal unless `quiet`, and to a file all levels and why it failed.
+
+    Raises `OutputError` if the file cannot be opened.
+    """
     global _hushed
-    _hushed, before = quiet, _hushed
+    least = LEVELS[min(verbose, len(LEVELS) - 1)]
+    handlers: list[logging.Handler] = [TerminalHandler(least)]
+    if file is not None:
+        try:
+            handlers.append(logging.FileHandler(file, encoding="utf-8", errors="backslashreplace"))
+        except OSError as error:
+            raise OutputError(f"{file} cannot be written ({describe_reason(error)}): name another --log.") from None
+        handlers[1].setFormatter(logging.Formatter(LINE))
+    top, (_hushed, before) = logging.getLogger("fg_nav"), (quiet, _hushed)
+    top.setLevel(min(least, logging.INFO) if file is None else logging.DEBUG)
+    for handler in handlers:
+        top.addHandler(handler)
+    top.debug("fg-nav %s", shlex.join(sys.argv[1:]))
     try:
         yield
+    except Exception as error:
+        top.error(" ".join(str(error).split()), exc_info=not isinstance(error, FgNavError | OSError))
+        raise
     finally:
         _hushed = before
+        top.setLevel(logging.NOTSET)
+        for handler in handlers:
+            top.removeHandler(handler)
+            handler.close()
 
 
-def remark(words: str) -> None:
-    """Print a sentence for people on standard error; a closed one is ignored."""
-    if not _hushed:
-        with suppress(OSError):
-            print(words, file=sys.stderr, flush=True)  # noqa: T201
+def remark(words: str, level: int = logging.INFO) -> None:
+    """Say a sentence to people on standard error, and in a log file."""
+    REMARKS.log(level, words)
 
 
 def console() -> Console:
@@ -143,26 +190,31 @@ def print_results(summaries: Sequence[Mapping[str, object]], place: Path) -> Non
         who = f" ({summary['method']})" if several else ""
         out.print(f"verdict{who}: {summary['verdict']}" + (f": {reasons}" if reasons else ""), soft_wrap=True)
     if not several:
-        for line in _describe_result(summaries[0]):
+        for line in describe_result(summaries[0]):
             out.print(line, soft_wrap=True)
     remarks = group_notes(collect_notes(summaries)).get(KNOW, [])
     out.print(describe_place(place, len(remarks)), soft_wrap=True)
 
 
-def _describe_result(summary: Mapping[str, object]) -> list[str]:
+def describe_result(summary: Mapping[str, object]) -> list[str]:
     """Distance, end and, where known, error of one method, and the coupling of the feet, a line each."""
     known = {key: write(summary[key]) for key, _, write in FIGURES if summary.get(key) is not None}
     sigma = f", sigma {known['distance_sigma_m']} m" if "distance_sigma_m" in known else ""
     strides = format_count(cast("int", summary["strides"]), "stride")
     closure = f"{known.get('closure_m')} m from the start ({known.get('closure_percent')} % of the distance), at "
     end = f"end: {closure if is_loop([summary]) else ''}{_format_place(summary['end_m'], 3)}"
+    parts: list[Any] = [part for part in (summary, summary.get("left"), summary.get("right")) if part]
     lines = [
+        *(f"note: {note}" for part in parts for note in part["notes"] if note.startswith(FIRST)),
         f"distance: {known['distance_m']} m{sigma}, in {strides}",
         f"{end}, sigma {_format_place(summary['end_sigma_m'], 2)}",
     ]
     if "rmse_2d_m" in known:
         error = f"error: {known['rmse_2d_m']} m rms horizontally, {known['end_error_m']} m at the end"
         lines.append(f"{error}, {known['max_error_m']} m at most; alignment {known['alignment']}")
+    if isinstance(fixes := summary.get("fixes"), dict):
+        how = f"{fixes['rms_m']:.2f} m rms off over ground, {fixes['beyond_3_sigma']} beyond 3 sigma"
+        lines.append(f"fixes: {fixes['count']}, {how}")
     if summary.get("mount") != "feet":
         return lines
     # the coupling of the feet

@@ -24,7 +24,7 @@ from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import RecordingError
 from fg_nav.samples.gaps import LOST_PERIODS, MAX_HELD_S
 from fg_nav.system.compiled import njit
-from fg_nav.text import format_count
+from fg_nav.text import CUT, format_count
 
 MAX_BRIDGED_S = MAX_HELD_S  # In a longer gap a foot may have turned anywhere: behind this, sigma of heading 1 rad.
 MAX_GAP_S = 0.1  # Longer holes stay open: in mid-swing a foot speeds up by metres a second in one.
@@ -85,7 +85,7 @@ def order_stamps(t: Floats, samples: Floats, row: Ints, longest_gap_s: float = M
                 f"there is a gap of {gap_s:.2f} s before {where}" if gap_s > 0 else f"the clock begins again at {where}"
             )
         remarks.append(
-            f"only rows {row[kept[0]]} to {row[kept[-1]]} (t = {stamps[0]:.3f} to {stamps[-1]:.3f} s) are used, and "
+            f"{CUT} {row[kept[0]]} to {row[kept[-1]]} (t = {stamps[0]:.3f} to {stamps[-1]:.3f} s) are used, and "
             f"{format_count(cut, 'sample')} left out: {' and '.join(why)}"
         )
     return Ordered(kept, stamps, tuple(remarks), cut)

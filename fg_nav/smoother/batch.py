@@ -21,12 +21,13 @@ from dataclasses import asdict, dataclass, replace
 from dataclasses import field as declare
 from functools import cache, cached_property
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, X
 
-from fg_nav.arrays import Bools, Floats
+from fg_nav.arrays import Bools, Brief, Floats
 from fg_nav.detection.rest import freeze_ends
 from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError
@@ -67,6 +68,9 @@ from fg_nav.solution import Return, Solution, StanceTable
 from fg_nav.text import format_count
 from fg_nav.truth import Fix
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 USUAL_STEPS = 5  # Of the last solve; more are worth a remark.
 
 
@@ -96,7 +100,7 @@ class WalkInput:
 
 
 @dataclass(frozen=True)
-class SolvedWalk:
+class SolvedWalk(Brief):
     """The problem of the last solution, its minimum, and what was found on it."""
 
     problem: WalkProblem
@@ -292,7 +296,7 @@ def smooth_graph(
 
 
 @dataclass(frozen=True)
-class SmoothedWalk:
+class SmoothedWalk(Brief):
     """A walk as it was solved: `smooth_graph` returns it.
 
     Attributes
@@ -315,10 +319,38 @@ class SmoothedWalk:
     walk: SolvedWalk
     joint: FootfallCovariance
 
+    def __repr__(self) -> str:
+        """Say in a line what it is; graph and values print themselves in pages."""
+        counts = ", ".join(f"{count} {kind}" for kind, count in self.solution.graph.items() if count)
+        return f"<SmoothedWalk: {self.values.size()} variables, {counts}; {self.solution!r}>"
+
     @cached_property
     def graph(self) -> gtsam.NonlinearFactorGraph:
         """All factors of the walk, one by one, at whose minimum the `values` are."""
         return self.walk.problem.factors()
+
+    @cached_property
+    def factors(self) -> pd.DataFrame:
+        """A row a factor of the `graph`, in its order.
+
+        `kind` is the word of `Solution.graph`, empty for priors and what else is not counted there, `name` that of the
+        residual or the class of gtsam, `variables` are as gtsam writes them, `error` is half the square at the minimum.
+
+        Examples
+        --------
+        >>> recording = fg_nav.read("walk.csv")
+        >>> walk = fg_nav.smooth_graph(recording, fg_nav.detect_stances(recording))
+        >>> rows = walk.factors.query("kind == 'zero_velocity'")
+        >>> len(rows) == walk.solution.graph["zero_velocity"], rows.name.iloc[0], rows.variables.iloc[0]
+        (True, 'stance velocity', 'x0 v0 s0')
+        """
+        import pandas as pd
+
+        table = pd.DataFrame(self.walk.problem.name_factors(), columns=["kind", "name"])
+        each = list(map(self.graph.at, range(self.graph.size())))
+        table["variables"] = [" ".join(map(gtsam.DefaultKeyFormatter, factor.keys())) for factor in each]
+        table["error"] = [factor.error(self.values) for factor in each]
+        return table
 
     @property
     def values(self) -> gtsam.Values:

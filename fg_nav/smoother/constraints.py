@@ -33,12 +33,13 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, V, X
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Brief, Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.factors.walk_constraints import position_fix_noise
 from fg_nav.frames import yaw_rotation
 from fg_nav.samples.gaps import MAX_HELD_S
 from fg_nav.smoother.graph import (
+    GAUGE_SIGMA,
     KNOWN_PLACE,
     OWN,
     POSITION_FIX,
@@ -52,6 +53,7 @@ from fg_nav.smoother.strides import Nodes
 from fg_nav.truth import (
     CAUCHY,
     FIX_REACH_S,
+    FIX_SPEED_M_S,
     Fix,
     Gnss,
     check_fix,
@@ -65,13 +67,12 @@ from fg_nav.truth import (
 TURNS = 24  # Directions of the start that are tried: 15 deg apart, from which Gauss-Newton finds the rest.
 UP = np.array([0.0, 0.0, 1.0])
 GIVEN_HEADING_DEG = 5.0  # Sigma of a given heading where fixes show it as well: a compass held by hand, a plan.
-FIX_SPEED_M_S = 1.4  # Walking pace: for so much a second between a fix and the node it is tied to its sigma grows.
 MIN_KNOWN_HEADING_RAD = 1.0  # Sigma that fixes leave of the heading at the start beyond which they show nothing of it.
 UNKNOWN_PLACE_M = 100.0  # Sigma of the start where known places show it: more than a location is ever off.
 
 
 @dataclass(frozen=True)
-class GraphNodes:
+class GraphNodes(Brief):
     """The variables of a walk that a factor can join: M nodes, where the foot stands, several in each stance.
 
     Attributes
@@ -297,7 +298,20 @@ def check_fix_distance(problem: WalkProblem, fixes: Sequence[Fix]) -> None:
 def add_fixes(problem: WalkProblem, values: gtsam.Values, fixes: Sequence[Fix]) -> WalkProblem:
     """Add fixes to a walk, on its first solution, with the heading at the start as they show it."""
     pinned = pin_to_times(fixes, problem.recording.t[problem.nodes.sample])
-    return _free_heading(problem.join(pinned.factors()), pinned, values)
+    problem = problem.join(pinned.factors())
+    if fixes[0].origin is None:
+        return _free_heading(problem, pinned, values)
+    # Fixes about another place than the start: it is free, at first where the walk lies on them best.
+    weight, is_high = pinned.horizontal**-2.0, np.isfinite(pinned.vertical)
+    middle = np.append(weight @ pinned.position[:, :2] / weight.sum(), 0.0)
+    problem = _free_heading(problem, replace(pinned, position=pinned.position - middle), values)
+    off = pinned.position - list_positions(pinned.node, values)
+    shift = np.append(weight @ off[:, :2] / weight.sum(), off[is_high, 2].mean() if is_high.any() else 0.0)
+    for key in map(X, range(len(problem.nodes))):
+        pose = values.atPose3(key)
+        values.update(key, gtsam.Pose3(pose.rotation(), pose.translation() + shift))
+    sigma = UNKNOWN_PLACE_M, UNKNOWN_PLACE_M, UNKNOWN_PLACE_M if is_high.any() else GAUGE_SIGMA
+    return replace(problem, start=replace(problem.start, place=values.atPose3(X(0)).translation(), place_sigma=sigma))
 
 
 def add_own(problem: WalkProblem, values: gtsam.Values, extra: ExtraFactors) -> WalkProblem:
@@ -323,7 +337,7 @@ def _free_heading(problem: WalkProblem, placed: PinnedFixes | OwnFactors, values
 
 
 @dataclass(frozen=True)
-class KnownTies:
+class KnownTies(Brief):
     """Footfalls at known places, in the axes of the known frame about the located start."""
 
     t: Floats  # (P,) s.

@@ -24,7 +24,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B
 
-from fg_nav.arrays import Bools, Floats, Ints, robust_sigma
+from fg_nav.arrays import Bools, Brief, Floats, Ints, robust_sigma
 from fg_nav.detection import Rest
 from fg_nav.factors.differential_field import (
     GYRO,
@@ -173,7 +173,7 @@ def fit_variogram(mag: Floats, position: Floats, nav_R_body: Floats, nodes: Node
 
 
 @dataclass(frozen=True)
-class StretchSum:
+class StretchSum(Brief):
     """What the stretches of one kind show of K bias variables and the iron: information (K, 6, 6); how many (K,)."""
 
     information: BiasInformation

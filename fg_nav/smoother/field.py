@@ -46,10 +46,11 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import V, X
 
-from fg_nav.arrays import Floats, Ints, find_runs
+from fg_nav.arrays import Brief, Floats, Ints, find_runs
 from fg_nav.errors import EstimationError
 from fg_nav.factors.magnetic_field import E_H, IRON, PHI, FieldPrior
 from fg_nav.factors.residual import ResidualBlock
+from fg_nav.frames import yaw_rotation
 from fg_nav.magnetic import FootfallField
 from fg_nav.magnetic.detectors import FieldVerdicts, apply_gate, weigh_statistic
 from fg_nav.smoother.field_factors import (
@@ -65,7 +66,7 @@ from fg_nav.smoother.field_factors import (
     split_potential,
     weigh_compass,
 )
-from fg_nav.smoother.graph import UNKNOWN_HEADING_DEG, StartPrior, Trajectory, WalkProblem, solve, turn_walk
+from fg_nav.smoother.graph import UNKNOWN_HEADING_DEG, Trajectory, WalkProblem, solve, turn_walk
 from fg_nav.smoother.sensitivity import SharingFactors, average, shared_information
 from fg_nav.smoother.solver import CONVERGENCE, FIRST_CONVERGENCE, Solved, list_attitudes, residuals_at_minimum
 from fg_nav.smoother.square_root import LinearWalk
@@ -94,7 +95,7 @@ SHARES_PRIOR = (1.0, 1.0, 1.0, 1.0, 0.1)  # Weights of the shares before the wal
 
 
 @dataclass(frozen=True)
-class FieldVerdict:
+class FieldVerdict(Brief):
     """Verdicts on the field at the footfalls, as in a stance table, and notes."""
 
     words: tuple[str, ...]  # Of the detector.
@@ -105,7 +106,7 @@ class FieldVerdict:
 
 
 @dataclass(frozen=True)
-class FieldSolution:
+class FieldSolution(Brief):
     """A walk solved with its field: the problem of the last round, its minimum, the states (F, 9), and the verdict."""
 
     problem: WalkProblem
@@ -125,8 +126,11 @@ def turn_to_field(problem: WalkProblem, field: FootfallField) -> WalkProblem:
     values = gtsam.Values(values)
     solved = replace(field, nav_R_body=list_attitudes(problem.nodes.result, values))
     mean = np.nanmean(solved.nav_field, axis=0)
-    turn_walk(values, problem.nodes, float(np.arctan2(*mean[:2])))
-    start = StartPrior(values.atPose3(X(0)).rotation().matrix(), float(np.radians(UNKNOWN_HEADING_DEG)))
+    turn = float(np.arctan2(*mean[:2]))
+    turn_walk(values, problem.nodes, turn)
+    attitude, place = values.atPose3(X(0)).rotation().matrix(), yaw_rotation(turn) @ problem.start.place
+    sigma = float(np.radians(UNKNOWN_HEADING_DEG))
+    start = replace(problem.start, nav_R_body=attitude, heading_sigma=sigma, place=place)
     return replace(problem, values=values, start=start)
 
 

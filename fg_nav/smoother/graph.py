@@ -16,7 +16,7 @@ Before the first node and after the last, and on both sides of a hole, the sampl
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, TypeVar
 
@@ -24,11 +24,14 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import A, B, M, P, S, V, X
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Bools, Brief, Floats, Ints
 from fg_nav.detection import Rest
 from fg_nav.detection.rest import RollingLever
 from fg_nav.detection.stance import Stances
+from fg_nav.factors.magnetic_field import FieldPrior
 from fg_nav.factors.residual import LETTER_SHIFT, Keys, ResidualBlock, read_variables
+from fg_nav.factors.walk_constraints import UnseenWalk
+from fg_nav.factors.zero_velocity import ZeroRate
 from fg_nav.frames import yaw_rotation
 from fg_nav.mechanisation import (
     TILT_TIME_S,
@@ -44,6 +47,7 @@ from fg_nav.samples.gaps import MAX_HELD_S
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.solver import (
     CONVERGENCE,
+    BlockGroup,
     GtsamFactors,
     LinearizableBlock,
     Solved,
@@ -87,6 +91,9 @@ KIND_OF_KEYS = {
 }
 """By the letters of the variables that a factor joins. No other factor joins the same, but priors a bias."""
 
+NAME_OF_KEYS = {"b": ZeroRate.name, "xx": UnseenWalk.name, "m": FieldPrior.name}
+"""Likewise, of factors in Python that are in no block of their kind."""
+
 K = TypeVar("K", bound=LinearizableBlock)
 
 
@@ -109,7 +116,7 @@ class StartPrior:
 
     nav_R_body: Floats  # (3, 3).
     heading_sigma: float  # rad.
-    place_sigma: float = GAUGE_SIGMA  # m.
+    place_sigma: float | tuple[float, ...] = GAUGE_SIGMA  # m, also of each axis.
     place: Sequence[float] | Floats = (0.0, 0.0, 0.0)  # m, of the second of two feet where it is about to begin.
 
     def factor(self, p: SmootherParameters) -> gtsam.PriorFactorPose3:
@@ -117,13 +124,15 @@ class StartPrior:
         pose = gtsam.Pose3(gtsam.Rot3(self.nav_R_body), np.asarray(self.place, dtype=float))
         tilt = np.radians(p.tilt_sigma_deg)
         nav_rotation = np.diag([tilt, tilt, self.heading_sigma]) ** 2
-        covariance = np.eye(6) * self.place_sigma**2
-        covariance[:3, :3] = self.nav_R_body.T @ nav_rotation @ self.nav_R_body
+        covariance, R = np.eye(6) * np.square(np.max(self.place_sigma)), self.nav_R_body
+        covariance[:3, :3] = R.T @ nav_rotation @ R
+        if isinstance(self.place_sigma, tuple):
+            covariance[3:, 3:] = R.T @ np.diag(np.square(self.place_sigma)) @ R
         return gtsam.PriorFactorPose3(X(0), pose, gtsam.noiseModel.Gaussian.Covariance(covariance))
 
 
 @dataclass(frozen=True)
-class WalkProblem:
+class WalkProblem(Brief):
     """A walk as a graph, before it is solved."""
 
     recording: Recording
@@ -180,6 +189,21 @@ class WalkProblem:
             for factor in block.factors():
                 graph.push_back(factor)
         return graph
+
+    def name_factors(self) -> Iterator[tuple[str, str]]:
+        """Yield the kind, "" of what is not counted, and the name of each of the `factors`, in their order."""
+        blocks: list[LinearizableBlock] = [GtsamFactors(*map(self.graph.at, range(self.graph.size())))]
+        blocks += self.system.blocks
+        while blocks:
+            block = blocks.pop(0)
+            if isinstance(block, BlockGroup):
+                blocks = [*block.blocks, *blocks]
+                continue
+            kind, named = next(iter(block.counts), ""), block.residuals.name if isinstance(block, ResidualBlock) else ""
+            for one in block.factors():
+                ours = NAME_OF_KEYS.get(join_letters(one.keys())) if isinstance(one, gtsam.CustomFactor) else None
+                name = named or (ours if ours and not kind else type(one).__name__)
+                yield kind or ("imu" if one.size() == INERTIAL_KEYS else ""), name
 
 
 def solve(problem: WalkProblem, convergence: float = CONVERGENCE, with_stacks: bool = False) -> Solved:
@@ -334,12 +358,17 @@ def count_factors(problem: WalkProblem) -> Counter[str]:
     return Counter({kind: counts[kind] for kind in (*KINDS, *FURTHER_KINDS) if kind in counts})
 
 
+def join_letters(keys: Sequence[int]) -> str:
+    """Return the letters of variables."""
+    return "".join(chr(key >> LETTER_SHIFT) for key in keys)
+
+
 def count_graph(graph: gtsam.NonlinearFactorGraph) -> Counter[str]:
     """Count the factors of gtsam by kind: as `count_factors` does those of the motion and of the field."""
     counts = Counter[str]()
     for factor in map(graph.at, range(graph.size())):
         keys = factor.keys()
-        letters = "".join(chr(key >> LETTER_SHIFT) for key in keys)
+        letters = join_letters(keys)
         is_prior = letters == "b" and not isinstance(factor, gtsam.LinearContainerFactor)
         if letters in KIND_OF_KEYS and not is_prior:
             counts[KIND_OF_KEYS[letters]] += 1

@@ -54,7 +54,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import X
 
-from fg_nav.arrays import Floats, Ints, weigh_models
+from fg_nav.arrays import Brief, Floats, Ints, weigh_models
 from fg_nav.factors.differential_field import GYRO
 from fg_nav.factors.residual import Keys
 from fg_nav.factors.zero_velocity import StanceVelocity
@@ -141,7 +141,7 @@ def shared_information(
 
 
 @dataclass(frozen=True)
-class FootfallCovariance:
+class FootfallCovariance(Brief):
     """Joint covariance of the footfalls of a solved walk."""
 
     root: SquareRoot  # Of the walk, eliminated by QR.

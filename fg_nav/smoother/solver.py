@@ -9,6 +9,7 @@ is minimized is a `System`: a walk (`WalkSystem`), or two feet (`feet`).
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
@@ -18,7 +19,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, X
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Bools, Brief, Floats, Ints
 from fg_nav.errors import EstimationError, FgNavError
 from fg_nav.factors.residual import LETTER_SHIFT, POSE, Keys, Stack, read_variables
 from fg_nav.smoother.square_root import DIMENSION, NO_SOLUTION, LinearWalk, SquareRoot, stack_factors
@@ -29,6 +30,7 @@ FIRST_CONVERGENCE = 0.05  # The same where the walk is solved again: millimetres
 MAX_STEPS = 25  # And gives up after so many.
 MAX_HALVINGS = 6
 
+LOG = logging.getLogger(__name__)
 
 V = TypeVar("V")
 UNSOLVED = (RuntimeError, ValueError, IndexError, ArithmeticError, FgNavError)  # Raised without a solution.
@@ -51,7 +53,7 @@ class System(Protocol[V]):
 
 
 @dataclass(frozen=True)
-class Minimum(Generic[V]):
+class Minimum(Brief, Generic[V]):
     """Minimum of a system, the triangle of the last linearization, and the number of linearizations."""
 
     values: V
@@ -89,6 +91,7 @@ def find_minimum(
         if not np.isfinite(error):
             raise EstimationError("the smoother's error is not finite: check the recording with 'fg-nav inspect'.")
         if abs(error - promised) <= convergence * len(keys):
+            LOG.debug("Gauss-Newton: %d variables, steps: %d, error: %.6g", len(keys), steps, error)
             return Minimum(values, root, steps, linearized_at, error, stacks)
         del root, left, stacks  # as large as all else: not kept beside the next one
     raise EstimationError(

@@ -51,7 +51,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, S, V, X
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Bools, Brief, Floats, Ints
 from fg_nav.detection import Rest
 from fg_nav.detection.stance import Stances
 from fg_nav.factors.residual import ResidualBlock, factor_of, one_of
@@ -310,7 +310,7 @@ def _average_about(recording: Recording, node: int) -> tuple[Floats, Floats]:
 
 
 @dataclass(frozen=True)
-class Nodes:
+class Nodes(Brief):
     """Nodes of a walk, in order of time."""
 
     sample: Ints  # (M,) index into the recording, ascending.

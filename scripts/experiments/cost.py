@@ -130,7 +130,7 @@ CPU, WALL, MEMORY = "processor (s)", "wall (s)", "memory (MB)"
 
 def run_command(*words: str, variables: Mapping[str, str] | None = None) -> dict[str, float]:
     """Run `fg-nav` with these words; its processor time, its time on the wall and its memory at its highest."""
-    began, command = perf_counter(), [sys.executable, "-m", "fg_nav.cli", *words]
+    began, command = perf_counter(), [sys.executable, "-m", "fg_nav", *words]
     quiet, variables = subprocess.DEVNULL, {**os.environ, **(variables or {})}
     process = subprocess.Popen(command, stdout=quiet, stderr=quiet, env=variables)
     _, status, used = os.wait4(process.pid, 0)

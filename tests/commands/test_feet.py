@@ -213,3 +213,18 @@ def test_what_cannot_be_two_feet_is_refused(walked: Path) -> None:
         (0.15, 0.1, False), (0.15, 0.095, False), (0.15, 0.038, True), (-0.11, 0.0373, True), (0.02, 0.03, False),
     ):  # fmt: skip
         assert shows_sides(FeetSolution(nothing, nothing, nothing, width_m, sigma_m, 9, 0)) is shown
+
+
+def test_both_feet_of_one_file_are_found_by_the_names_of_its_columns(fg_nav: FgNav, walked: Path) -> None:
+    """Left and right are looked for; other names are given, and of one letter each stands by itself."""
+    left, right = (pd.read_csv(walked / f"{side}.csv", index_col="time_s") for side in ("left", "right"))
+    run = ("--mount", "feet", "--method", "inertial", "--plots", "none", "--json")
+    found = []
+    for words, given in ((("left", "right"), ()), (("L", "R"), ("--sensor", "L,R")), (("R", "L"), ("--sensor", "R,L"))):
+        first, second = (left, right) if words[0][0] in "lL" else (right, left)
+        both = [one.add_prefix(f"{word}_") for one, word in zip((first, second), words, strict=True)]
+        pd.concat(both, axis=1, join="inner").to_csv("both.csv")
+        found.append(json.loads(fg_nav("run", "both.csv", *run, *given).out))
+        assert (found[-1]["sides_known"], found[-1]["sides"][0][0]) == ("named", words[0][0].lower())
+    assert len({one["distance_m"] for one in found[:2]}) == 1
+    assert fg_nav("run", "both.csv", *run[:2]).refused("one file with both sensors: name them by --sensor A,B")

@@ -66,6 +66,7 @@ def test_a_later_walk_is_located_on_saved_places(fg_nav: FgNav, files: Path, sav
     assert located["stretches"][0]["known_begin_s"] == pytest.approx(located["stretches"][0]["begin_s"], abs=1.0)
     assert any(note.startswith("on the places of first.csv") for note in found["notes"])
     assert found["graph"]["known_place"] > 3
+    assert "note: on the places of first.csv, by " in ran.out
     # in the same frame for the next one
     assert np.linalg.norm(read_places(Path("part.places")).path.position[0] - at[["x_m", "y_m", "z_m"]]) < 1.5
     again = fg_nav("run", files / "part.csv", "--config", "part/config.json", *NO_PLOTS, "--out", "again")

@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pymap3d import enu2geodetic
 
 from fg_nav import pipeline
 from fg_nav.commands.shared import name_walk
 from fg_nav.io import write_canonical
-from fg_nav.lab.simulation import simulate
+from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.recording import Recording
 from fg_nav.report import page
 from fg_nav.walk import Walk
@@ -231,6 +232,79 @@ def test_inspect_gives_figures_and_a_verdict(fg_nav: FgNav, files: Path) -> None
     assert json.loads(told.err)["error"] == json.loads(told.out)["refusal"] == ran.err.removeprefix("fg-nav: ").strip()
 
 
+def test_remarks_are_logged_as_they_come_by_level(fg_nav: FgNav, files: Path) -> None:
+    """Plain runs print none of those of the result; a file has them all, and why a run failed, also of a quiet one."""
+    run = ("run", files / "part.csv", "--method", "inertial", "--plots", "none")
+    ran = fg_nav(*run, "-v", "--out", "out")
+    notes = summary("out")["notes"]
+    assert ran.err.splitlines()[0] == f"{files / 'part.csv'}: 4000 samples of format canonical at 200 Hz"
+    assert set(notes) <= set(ran.err.splitlines())
+    assert "Gauss-Newton: " not in ran.err
+    assert "Gauss-Newton: " in fg_nav(*run, "-vv", "--out", "more").err
+    quiet = fg_nav(*run, "--quiet", "--log", "log.txt", "--out", "quiet")
+    assert (quiet.code, quiet.out, quiet.err) == (0, "", "")
+    assert fg_nav(*run, "--log", "log.txt", "--out", "quiet").refused("already holds a result")
+    lines = [line.split(" ", 3)[2:] for line in Path("log.txt").read_text().splitlines()]
+    assert {level for level, _ in lines} == {"DEBUG", "INFO", "ERROR"}
+    assert set(notes) <= {words.partition(": ")[2] for level, words in lines if level == "INFO"}
+    assert lines[-1][1].startswith("fg_nav: quiet already holds a result")
+    assert fg_nav(*run, "--log", "no/log.txt").refused("no/log.txt cannot be written", "another --log")
+
+
+def test_a_truth_beside_a_recording_is_taken_where_it_belongs(fg_nav: FgNav, demo: Recording) -> None:
+    """`truth.tum` of the only recording, or of one among others that begins and ends with it; `NAME.truth.tum`."""
+    part, run = demo.slice(0, 4000), ("--method", "iez", "--plots", "none", "--out")
+    for folder in ("alone", "several", "named", "late"):
+        Path(folder).mkdir()
+        write_canonical(part, Path(folder, "walk.csv"))
+    write_canonical(part, Path("several/other.csv"))
+    write_truth(Path("alone/truth.tum"), demo)
+    write_truth(Path("several/truth.tum"), demo)  # of a longer walk
+    write_truth(Path("named/walk.truth.tum"), demo)
+    write_truth(Path("late/truth.tum"), demo, later_s=1000.0)
+    for folder, taken in (("alone", True), ("several", False), ("named", True), ("late", False)):
+        ran = fg_nav("run", f"{folder}/walk.csv", *run, f"out-{folder}")
+        assert (ran.code, "is taken for its truth; --no-truth" in ran.err) == (0, taken), folder
+        assert ("rmse_2d_m" in summary(f"out-{folder}")) == taken
+        assert ("late/truth.tum, beside the recording, is not used: the truth" in ran.err) == (folder == "late")
+    lines = Path("several/truth.tum").read_text().splitlines(keepends=True)
+    Path("several/truth.tum").write_text("".join(lines[:4000]))
+    assert "is taken" in fg_nav("compare", "several/walk.csv", "--methods", "iez", *run[2:], "fits").err
+    assert fg_nav("run", "alone/walk.csv", "--no-truth", *run, "none").err == ""
+    assert fg_nav("run", "alone/walk.csv", "--no-truth", "--truth", "alone/truth.tum").refused("contradict")
+    again = fg_nav("run", "alone/walk.csv", "--config", "out-alone/config.json", *run[2:], "again")
+    assert (again.err, summary("again")["rmse_2d_m"]) == ("", summary("out-alone")["rmse_2d_m"])
+
+
+def test_fixes_and_what_is_left_out_are_said_first(fg_nav: FgNav, demo: Recording) -> None:
+    """Fixes in degrees, of which one is wrong, are the origin of a map; a part behind a hole is named."""
+    t, truth = demo.t, demo.truth.position
+    rows = [int(np.searchsorted(t, at)) for at in (5.0, 15.0, 25.0, 35.0)]
+    place = truth[rows] + [[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
+    degrees = np.stack(enu2geodetic(*place.T, 48.0, 11.0, 500.0), axis=1)
+    lines = [f"{t[row]},{north:.9f},{east:.9f},0.3" for row, (north, east, _) in zip(rows, degrees, strict=True)]
+    Path("fixes.csv").write_text("\n".join(["time_s,latitude_deg,longitude_deg,sigma_m", *lines]))
+    whole = replace(demo, truth=None)
+    write_canonical(whole.take((t < 40.0) | (t > 60.0)), Path("walk.csv"))
+    ran = fg_nav("run", "walk.csv", "--fixes", "fixes.csv", "--method", "inertial", "--plots", "none", "--out", "out")
+    assert ran.code == 0, ran.err
+    said = ran.out.splitlines()
+    assert said[1].startswith("note: only rows 2 to ")
+    assert said[1].endswith("before row 8002")
+    fixes = summary("out")["fixes"]
+    assert said[4] == f"fixes: 4, {fixes['rms_m']:.2f} m rms off over ground, 1 beyond 3 sigma"
+    assert summary("out")["origin"] == [*(pytest.approx(one, abs=1e-8) for one in degrees[0, :2]), None]
+    assert any("of the first fix, at 48.0" in note for note in summary("out")["notes"])
+    assert "Only rows 2 to" in fg_nav("inspect", "walk.csv").out
+    ran = fg_nav("export", "out", "walk.geojson", "--json")
+    assert "north is true" in json.loads(ran.out)["remarks"][0]
+    drawn = [one["geometry"] for one in json.loads(Path("walk.geojson").read_text())["features"]]
+    line = np.array(next(one["coordinates"] for one in drawn if one["type"] == "LineString"))[:, :2]
+    assert np.abs(line - degrees[2, [1, 0]]).max(axis=1).min() < 2e-5  # it comes by the third one, to a metre
+    for verb in ("stream --speed max", "run --method online"):
+        assert fg_nav(*verb.split(), "walk.csv", "--fixes", "fixes.csv").refused("m from there")
+
+
 def test_pipes_get_plain_text_and_silence(files: Path, tmp_path: Path) -> None:
     odd = tmp_path / "Zürich.csv"
     odd.write_bytes((files / "part.csv").read_bytes())
@@ -240,6 +314,37 @@ def test_pipes_get_plain_text_and_silence(files: Path, tmp_path: Path) -> None:
         assert (ran.code, ran.err) == (0, "")
         assert not set("\x1b━┃│╭") & set(ran.out)
         assert ("Z\\xfcrich.csv" if odd in arguments else "out") in ran.out
+
+
+def test_a_pocket_is_inspected_and_its_methods_compared(fg_nav: FgNav) -> None:
+    write_canonical(
+        simulate("demo", 103, Choices(worn="pocket", rate_hz=100.0)).recording.slice(0, 3500), Path("a.csv")
+    )
+    ran = fg_nav("inspect", "a.csv")
+    assert "trusted: it can be navigated with, as that of a trouser pocket (--mount pocket)." in ran.out
+    assert json.loads(fg_nav("inspect", "a.csv", "--mount", "foot", "--json").out)["refusal"].startswith(
+        "the sensor was"
+    )
+    assert fg_nav("compare", "a.csv").refused("the sensor was in a trouser pocket", "--mount pocket")
+    ran = fg_nav("compare", "a.csv", "--mount", "pocket", "--plots", "none", "--out", "out", "--json")
+    assert [one["method"] for one in json.loads(ran.out)["methods"]] == ["pocket", "munoz-diaz2017"]
+    assert config("out/pocket")["given"]["mount"] == "pocket"
+
+
+def test_help_keeps_what_is_seldom_needed_until_it_is_asked_for(fg_nav: FgNav) -> None:
+    for verb, seldom in (
+        ((), ("detect", "simulate")),
+        (("run",), ("--preset", "matched")),
+        (("compare",), ("--preset",)),
+    ):
+        plain, full = in_a_process(*verb, "--help"), in_a_process(*verb, "--help-all")
+        assert plain.code == full.code == 0
+        assert "--help-all" in plain.out
+        for word in seldom:
+            assert re.search(rf"\W{word}\W", full.out), word
+            assert not re.search(rf"\W{word}\W", plain.out), word
+    preset = ("--method", "iez", "--preset", "magic")  # is there all the same
+    assert fg_nav("run", "a.csv", *preset).refused("no preset 'magic'")
 
 
 @pytest.mark.parametrize("option", ["--help", "--version"])

@@ -105,8 +105,11 @@ def test_simulated_walks_and_what_an_inspection_says_of_them(scenario, worn):
         assert measure_turning(recording).wearing == ("pocket" if worn == "pocket" else "foot")
     raw = RawRecording(recording.t, recording.acc, recording.gyr, np.arange(len(recording)) + 1, recording.mag)
     verdict = " ".join(inspect(raw).verdict)
-    assert ("--mount pocket" in verdict) == (worn == "pocket")
+    assert ("--mount pocket" in inspect(raw).verdict[0]) == (worn == "pocket")
     assert ("stances make" in verdict) == (worn != "pocket")
+    mount, other = ("pocket", "foot") if worn == "pocket" else ("foot", "pocket")
+    assert inspect(raw, mount).verdict == inspect(raw).verdict
+    assert "the sensor was " in (inspect(raw, other).obstacle or "")
 
 
 @needs_data

@@ -75,7 +75,7 @@ def test_bad_input_is_named():
 
 def test_errors_and_scale_are_those_of_evo():
     """In space and, of the paths seen from above, by yaw alone; the scale is that of the plane."""
-    trajectory = pytest.importorskip("evo.core.trajectory", reason="evo is missing: pip install 'fg-nav[checks]'")
+    trajectory = pytest.importorskip("evo.core.trajectory", reason="evo is missing: pip install '.[checks]'")
     metrics = pytest.importorskip("evo.core.metrics")
     estimate, t = 0.97 * NOISY @ np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]).T, np.linspace(0.0, 20.0, len(PATH))
 

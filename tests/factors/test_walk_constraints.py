@@ -13,7 +13,7 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
-from fg_nav.factors import BuildingDirection, StanceVelocity, factor_of, zero_rate_factor
+from fg_nav.factors import BuildingDirection, StanceVelocity, factor_of, heading_factor, zero_rate_factor
 from fg_nav.factors.same_place import BesideEachOther, SamePlace, WithinReach, weigh_place
 from fg_nav.factors.walk_constraints import (
     QUARTER,
@@ -24,7 +24,7 @@ from fg_nav.factors.walk_constraints import (
     odds_of_elsewhere,
 )
 from fg_nav.factors.zero_velocity import REST_TAIL_SIGMAS
-from fg_nav.frames import yaw_rotation
+from fg_nav.frames import compute_heading, yaw_rotation
 from fg_nav.lab.simulation.motion import Ramps
 from tests.factors.variables import pose, residual, values_of, vectors
 from tests.simulated import turning_foot
@@ -82,6 +82,45 @@ def test_without_a_lever_it_is_the_plain_zero_velocity_update(rotvec, position, 
     plain = gtsam.PriorFactorVector(V(0), np.zeros(3), gtsam.noiseModel.Isotropic.Sigma(3, 0.01))
     found = stance(np.zeros(3), np.zeros(3), np.full(3, 0.01)).error(values)
     assert found == pytest.approx(plain.error(values), rel=1e-12)
+
+
+# --- headings
+
+
+@given(rotvec=vectors, axis=vectors)
+@settings(max_examples=20, deadline=None)
+def test_a_heading_is_that_of_the_frames_whatever_the_axis(rotvec, axis):
+    """The x axis by `compute_heading`; another one as if it were the x axis of another body."""
+    assume(np.linalg.norm(axis) > 0.1)
+    R = Rotation.from_rotvec(rotvec)
+    turned = R * Rotation.align_vectors([axis / np.linalg.norm(axis)], [[1.0, 0.0, 0.0]])[0]
+    assume(np.hypot(*turned.as_matrix()[:2, 0]) > 0.05)
+    values = values_of({X(0): standing(rotvec)})
+    for by, heading in (((1.0, 0.0, 0.0), R.as_matrix()), (axis, turned.as_matrix())):
+        off = compute_heading(heading) - 0.4
+        found = residual(heading_factor(X(0), 0.4, 0.1, by), values)
+        np.testing.assert_allclose(found, np.arctan2(np.sin(off), np.cos(off)) / 0.1, atol=1e-8)
+
+
+def test_optimizers_of_gtsam_turn_a_pose_to_its_heading_by_the_weights():
+    """A level pose and a prior, on both sides of south: the mean by the information; iSAM2 has the same."""
+    prior = gtsam.Pose3(gtsam.Rot3.Rz(np.pi / 2 - np.radians(178.0)), [1.0, 2.0, 3.0])
+    noise = gtsam.noiseModel.Diagonal.Sigmas([1e-3, 1e-3, np.radians(2.0), 1.0, 1.0, 1.0])
+    graph, start = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    graph.addPriorPose3(X(0), prior, noise)
+    graph.push_back(heading_factor(X(0), np.radians(-176.0), np.radians(1.0)))
+    start.insert(X(0), prior)
+    isam = gtsam.ISAM2()
+    isam.update(graph, start)
+    expected = 178.0 + 6.0 * 4.0 / (4.0 + 1.0)  # of 178 deg at 2, and 184 at 1
+    for found in (gtsam.LevenbergMarquardtOptimizer(graph, start).optimize(), isam.calculateBestEstimate()):
+        pose = found.atPose3(X(0))
+        assert np.degrees(compute_heading(pose.rotation().matrix())) % 360.0 == pytest.approx(expected, abs=1e-4)
+        np.testing.assert_allclose(pose.translation(), [1.0, 2.0, 3.0], atol=1e-9)
+        sigma = gtsam.Marginals(graph, found).marginalCovariance(X(0))[2, 2] ** 0.5
+        assert np.degrees(sigma) == pytest.approx((1.0 + 0.25) ** -0.5, rel=1e-6)
+    with pytest.raises(ValueError, match="a sigma above zero"):
+        heading_factor(X(0), 0.0, 0.0)
 
 
 # --- rests

@@ -112,6 +112,26 @@ def test_fixes_are_read_by_name_an_empty_height_is_not_known_and_what_is_none_is
             read_fixes(written(tmp_path, *lines))
 
 
+def test_fixes_in_degrees_are_meters_about_the_first_one(tmp_path):
+    """At 60 degrees north a degree of longitude is half as long; the first known height is that of the zero."""
+    head = "time_s,latitude_deg,longitude_deg,height_m,sigma_m"
+    one, two, three = read_fixes(written(tmp_path, head, "1,60,10,,2", "2,60.001,10,100,2", "3,60,10.001,103,1"))
+    assert {fix.origin for fix in (one, two, three)} == {(60.0, 10.0, 100.0)}
+    np.testing.assert_allclose([one.position, two.position], [[0, 0, 0], [0, 111.4, 0]], atol=0.05)
+    np.testing.assert_allclose(three.position, [55.8, 0, 3], atol=0.05)
+    assert [fix.vertical_sigma_m for fix in (one, two, three)] == [np.inf, 2.0, 1.0]
+    flat = read_fixes(written(tmp_path, "sigma_m,longitude_deg,latitude_deg,time_s", "2,10,60,1", "1,10,60.001,2"))
+    assert (flat[0].origin, flat[1].vertical_sigma_m) == ((60.0, 10.0, None), np.inf)
+    np.testing.assert_allclose(flat[1].position, [0, 111.4, 0], atol=0.05)
+    for row, words in (
+        ("1,95,10,,2", "line 2 is no place on the Earth"),
+        ("1,60,,,2", "line 2 lacks a number .only height_m"),
+        ("1,60,10,5,0", "line 2 has no sigma"),
+    ):
+        with pytest.raises(FormatError, match=words):
+            read_fixes(written(tmp_path, head, row))
+
+
 RAW = tilting(np.random.default_rng(4))
 
 AIR = replace(RAW, pressure=np.where(np.arange(len(RAW.t)) % 4 == 0, 101_300.0 + np.arange(len(RAW.t)), np.nan))

@@ -137,7 +137,7 @@ def test_one_of_several_topics_must_be_named_and_a_bag_alone_in_its_file_is_read
 def test_without_the_extra_it_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "walk.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(100))
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
-    with pytest.raises(FormatError, match=r"which rosbags reads: pip install 'fg-nav\[ros\]'"):
+    with pytest.raises(FormatError, match=r"which rosbags reads: pip install 'rosbags>=[\d.]+'\.$"):
         read(tmp_path / "walk.bag")
 
 

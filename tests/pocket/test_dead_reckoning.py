@@ -12,6 +12,7 @@ from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.pipeline import navigate
 from fg_nav.pocket import dead_reckoning as reckoning
 from fg_nav.pocket.steps import Steps, ThighSwing
+from fg_nav.report.files import summarize
 from fg_nav.truth import Fix, FixColumns, Gnss, find_turn, select_fixes
 from fg_nav.walk import OWN_GNSS, Options, Walk, read_walk
 from tests.pocket.leg import track_of
@@ -235,6 +236,7 @@ def test_a_simulated_walk_finds_north_and_its_place(mount):
     expected = enu2geodetic(*recording.truth.position[0, :2] + [120.0, -45.0], 0.0, *PLACE, 0.0)
     assert [start["latitude_deg"], start["longitude_deg"]] == pytest.approx(expected[:2], abs=4e-5)
     assert "of GNSS" in " ".join(found.notes)
+    assert summarize(found.walk, found.outcome)["origin"] == [start["latitude_deg"], start["longitude_deg"], None]
 
 
 def test_what_cannot_be_is_refused_in_a_sentence():

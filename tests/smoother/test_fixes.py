@@ -17,7 +17,7 @@ from fg_nav.magnetic import average_footfall_field
 from fg_nav.smoother import ExtraFactors, GraphNodes, SmoothedWalk, smooth, smooth_graph
 from fg_nav.smoother.constraints import FIX_SPEED_M_S, KnownTies, pin_to_times, select_reached_fixes
 from fg_nav.solution import Solution
-from fg_nav.truth import Fix
+from fg_nav.truth import Fix, check_fixes
 from tests.smoother.walks import DEFAULT, Walk, demo, part, smoothed
 
 
@@ -78,6 +78,24 @@ def test_a_fix_at_the_start_leaves_the_heading_as_it_is_by_definition() -> None:
         found = with_fixes([back], heading=heading)
         assert found.stances.heading_sigma[0] == pytest.approx(inertial().stances.heading_sigma[0], rel=0.05)
         assert np.linalg.norm(found.stances.position[-1, :2]) < 0.1
+
+
+def test_fixes_about_another_place_show_where_the_walk_starts() -> None:
+    """The same walk, turned and moved, whose sigma at the start is that of the fixes and of the walk between them."""
+    turn, move, origin = 40.0, np.array([70.0, -30.0, 5.0]), (48.1, 11.6, 500.0)
+    for vertical in (np.inf, 0.05):
+        fixes = fixes_at([10, 20, 30], turn, sigma=0.05, vertical=vertical)
+        moved = [replace(fix, position=fix.position + move, origin=origin) for fix in fixes]
+        shift = with_fixes(moved).stances.position - with_fixes(fixes).stances.position
+        expected = move if np.isfinite(vertical) else [*move[:2], 0.0]
+        assert np.abs(shift - expected).max() < 0.15
+        sigma = with_fixes(moved).stances.position_sigma[0]
+        assert 0.05 / 3**0.5 < sigma[0] < 1.0
+        assert (sigma[2] < 0.01) == np.isinf(vertical)
+    (one,) = with_fixes([replace(fixes[1], position=move, origin=origin)], heading=0.0).stances.position[[20]]
+    np.testing.assert_allclose(one, move, atol=0.02)  # a single one moves the walk
+    with pytest.raises(EstimationError, match="different origins"):
+        check_fixes([*moved, *fixes])
 
 
 def test_a_planar_fix_says_nothing_of_the_height() -> None:

@@ -24,6 +24,7 @@ from fg_nav.lab.campaign.walks import pack
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.results import Result
 from fg_nav.system.processes import catch_signals
+from fg_nav.text import suggest_install
 
 KILLED = "it ended its worker, again and again: out of memory, or a crash"  # Reason of a result that was given up.
 
@@ -61,7 +62,7 @@ def choose_cluster(scheduler: str | None, workers: int | None, notify: Notify) -
         import pyarrow  # noqa: F401
         from distributed.security import Security
     except ImportError as error:
-        words = f"campaigns need Dask and Arrow, and {error.name} is not there: pip install 'fg-nav[campaign]'."
+        words = f"campaigns need Dask and Arrow, and {error.name} is not there: {suggest_install('campaign')}."
         raise CampaignError(words) from None
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # workers that die are handled here
     dask.config.set({"logging.distributed": "critical"})

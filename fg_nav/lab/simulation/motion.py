@@ -35,7 +35,7 @@ from typing import Protocol
 
 import numpy as np
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Brief, Floats, Ints
 from fg_nav.errors import SimulationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.system.compiled import njit
@@ -52,7 +52,7 @@ class Style(IntEnum):
 
 
 @dataclass(frozen=True)
-class Strides:
+class Strides(Brief):
     """K strides of one foot; in pauses between them it stands."""
 
     start: Floats  # (K,) s, heel-off; start[k] + duration[k] <= start[k + 1], the rest is standing.

@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Brief, Floats, Ints
 from fg_nav.errors import SimulationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation.fields import Field, Homogeneous, find_earth_field
@@ -88,7 +88,7 @@ class Passing:
 
 
 @dataclass(frozen=True)
-class SimulatedWalk:
+class SimulatedWalk(Brief):
     """A recording, and everything that is true about it.
 
     All times are on the recording's clock.

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from fg_nav.errors import OutputError
 from fg_nav.report.folder import check_file_free, result_files
+from fg_nav.text import suggest_install
 
 if TYPE_CHECKING:
     from fg_nav.report.export.track import ExportTrack, Origin
@@ -86,7 +87,7 @@ def check_export(out: Path, origin: Origin | None = None, force: bool = False) -
         try:
             import_module(module)
         except ImportError:
-            raise OutputError(f"{out.suffix} needs {module}: install it, `pip install 'fg-nav[{extra}]'`.") from None
+            raise OutputError(f"{out.suffix} needs {module}: install it, `{suggest_install(extra)}`.") from None
     for file in find_files(out):
         check_file_free(file, Path.is_file, force)
 

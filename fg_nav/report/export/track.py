@@ -61,6 +61,7 @@ class ExportTrack:
     footfalls: pd.DataFrame  # a row a footfall, with the columns of `strides.csv`
     start: datetime | None = None  # instant of the first stamp, where given
     notes: tuple[str, ...] = ()  # for the user
+    origin: Origin | None = None  # where fixes of the walk showed it
 
     @classmethod
     def of(cls, solution: Solution, name: str = "walk") -> ExportTrack:
@@ -147,7 +148,9 @@ def read_result(folder: Path) -> ExportTrack:
         notes += ("the path is the person's, between the feet: headings are of the direction of walking",)
     name, method = _clean_name(folder.resolve().name), str(summary.get("method", "unknown"))
     velocity = np.gradient(path.position, path.t, axis=0)
-    return ExportTrack(name, method, path.t, path.position, path.nav_R_body, velocity, footfalls, notes=notes)
+    origin = Origin(*summary["origin"]) if summary.get("origin") else None
+    positions = path.t, path.position, path.nav_R_body, velocity
+    return ExportTrack(name, method, *positions, footfalls, notes=notes, origin=origin)
 
 
 def _clean_name(name: str) -> str:
@@ -182,6 +185,8 @@ def _read_json(path: Path) -> dict[str, Any]:
 
 def _describe_north(summary: Mapping[str, Any], config: Mapping[str, Any]) -> str:
     """North of the path, in words."""
+    if summary.get("origin") and summary.get("fixes", {}).get("count") != 1:
+        return "north is true, as the fixes show it, and so is the origin of maps"
     if config.get("heading_deg") is not None:
         return f"north is that of --heading {config['heading_deg']:g}"
     if summary.get("magnetometer") == "used":

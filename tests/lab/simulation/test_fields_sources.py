@@ -259,5 +259,5 @@ def test_a_place_is_where_the_model_has_it_and_what_it_refuses_is_named_as_a_sit
     with pytest.raises(SimulationError, match=r"not on the Earth.* or choose one of north-pole"):
         find_earth_field("91,0,2026-01-01")
     monkeypatch.setitem(sys.modules, "pygeomag", None)
-    with pytest.raises(SimulationError, match=r"pip install 'fg-nav\[wmm\]'.*north-pole"):
+    with pytest.raises(SimulationError, match=r"pip install 'pygeomag>=.*north-pole"):
         find_earth_field("48.1,11.6,2026-11-21")

@@ -62,7 +62,7 @@ import numpy as np
 from pydantic import Field
 from scipy.spatial import KDTree
 
-from fg_nav.arrays import Floats, Ints, interpolate_columns
+from fg_nav.arrays import Brief, Floats, Ints, interpolate_columns
 from fg_nav.lab.simulation.checks import Checked, NotNegative, Positive
 from fg_nav.lab.simulation.fields.field import (
     UP,
@@ -169,7 +169,7 @@ class FloorParameters(Checked):
 
 
 @dataclass(frozen=True)
-class Floor:
+class Floor(Brief):
     """One draw of a floor's clutter; the Earth's field is not in it."""
 
     wave: Floats  # (M, 2) rad/m, horizontal wave vectors.

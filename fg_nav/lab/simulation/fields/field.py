@@ -60,7 +60,7 @@ from typing import Protocol
 
 import numpy as np
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Brief, Floats, Ints
 from fg_nav.earth import PLACE_FORM, Place, compute_field
 from fg_nav.errors import EarthError, SimulationError
 from fg_nav.system.compiled import njit
@@ -81,7 +81,7 @@ class Field(Protocol):
 
 
 @dataclass(frozen=True)
-class Sum:
+class Sum(Brief):
     """The field of several sources."""
 
     parts: Sequence[Field]
@@ -145,7 +145,7 @@ def find_earth_field(where: str) -> Homogeneous:
 
 
 @dataclass(frozen=True)
-class Dipoles:
+class Dipoles(Brief):
     """K dipoles."""
 
     position: Floats  # (K, 3) m in nav.

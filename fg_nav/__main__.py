@@ -1,4 +1,4 @@
-"""`python -m fg_nav.cli`."""
+"""`python -m fg_nav`."""
 
 from fg_nav.cli import main
 
