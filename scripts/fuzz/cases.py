@@ -210,29 +210,16 @@ def make_samples(store: Store, rng: Rng, folder: Path) -> Input:
 
 def make_format(store: Store, rng: Rng, folder: Path) -> Input:
     """A file in one of the formats, damaged as bytes or as a table."""
-    from tests.io.foreign_phones import PHONES, write_files
-    from tests.io.foreign_sensors import FOREIGN, write_bag, write_metawear, write_ximu3
-    from tests.io.samples import WRITERS
+    from tests.io.every_format import SAMPLES
 
-    writers: dict[str, Callable[[RawRecording, Path], Any]] = {
-        **{name: writer for name, (_, writer) in WRITERS.items()},
-        **{name: how.write for name, how in FOREIGN.items()},
-        **{name: partial(_write_phone, write_files, app) for name, app in PHONES.items()},
-        **{"metawear": write_metawear, "x-imu3": write_ximu3, "bag 1": write_bag, "bag 2": write_bag},
-    }
     rows, name = cut_piece(store, rng)
     mag = np.tile([20.0, 0.0, -43.0], (len(rows), 1)) if np.isnan(rows[:, 7:]).all() else rows[:, 7:]
     raw = RawRecording(rows[:, 0], rows[:, 1:4], rows[:, 4:7], np.arange(2, len(rows) + 2), mag=mag)
-    kind, path = draw(rng, sorted(writers)), folder / "walk.dat"
-    written = path.with_suffix(".bag") if kind == "bag 1" else path
-    writers[kind](raw, written)
-    what = damage(draw(rng, list_files(written.rename(path))), rng)
+    kind = draw(rng, sorted(SAMPLES))
+    path = SAMPLES[kind].write(raw, folder)
+    what = damage(draw(rng, list_files(path)), rng)
     more = ["--format", draw(rng, FORMAT_NAMES)] if rng.random() < 0.1 else []
-    return Input(["run", "walk.dat", *more, *choose_method(rng, name)], f"{kind} of {name}: {what}")
-
-
-def _write_phone(write_files: Callable[[Any, Path], None], app: Any, raw: RawRecording, path: Path) -> None:
-    write_files(app.files(raw), path)
+    return Input(["run", path.name, *more, *choose_method(rng, name)], f"{kind} of {name}: {what}")
 
 
 def list_files(source: Path) -> list[Path]:

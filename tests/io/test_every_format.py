@@ -1,22 +1,17 @@
 """Every format: of its sample no row is lost and none invented; a change of the file alters nothing, or is said."""
 
 import zipfile
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from fg_nav.errors import FormatError
 from fg_nav.io import FORMATS, read_raw
 from fg_nav.io.content import read_content
 from fg_nav.recording import Recording
 from tests.io.every_format import SAMPLES, Change, files_of, write_changed
 from tests.io.foreign_phones import expected_force
-from tests.io.samples import tilting
-from tests.io.test_broken_files import is_a_line
-
-RAW = tilting(np.random.default_rng(3), duration_s=4.0, rate_hz=100.0, still_s=1.0)
+from tests.io.samples import RAW
 
 ANY_TABLE = {"xio", "table", "tables"}  # Tried after the others: they are recognized by names that others have too.
 LOST = {"xsens": [7], "dot": [0], "hyperimu": [0], "physics-toolbox": [399]}  # Rows the file itself lacks or zeroes.
@@ -137,61 +132,3 @@ def test_changes_that_alter_nothing(kind: str, changes: list[Change], tmp_path: 
     for name in ("t", "acc", "gyr", "mag"):
         if getattr(whole, name) is not None:
             np.testing.assert_allclose(getattr(changed, name), getattr(whole, name), atol=1e-9)
-
-
-WITHOUT_GRAVITY = "no accelerometer.*record the accelerometer, with gravity in it"
-REFUSED: list[tuple[str, str, list[Change]]] = [
-    ("sensorconnect", "has no column 'scaledAccelX'", [("", "scaledAccel", "estLinearAccel")]),
-    ("sensorconnect", "2 columns 'scaledAccelX': keep one", [("", "1.2:scaledGyro", "3.4:scaledAccel")]),
-    ("xio", "more than one acceleration", [("", r"Accelerometer X", "Accelerometer Y")]),
-    ("xio", "not all three axes of angular rate, only 'Gyroscope X", [("", "Gyroscope Z", "Gyroscope")]),
-    ("xio", "has no stamps: give its rate", [("", r"Time \(s\)", "Temperature (C)")]),
-    ("xio", r"not a regular table.*line 11", [("", r"\A((?:.*\n){10}.*)", r"\1,1,2,3")]),
-    ("openshoe", "16 columns, not 17", [("", r"0xcb +\S+", "0xcb")]),
-    ("xsens", r"neither time nor rate.*--rate 100", [("", r"//  Update Rate.*\n", "")]),
-    ("xsens", "no accelerometer and no gyroscope .FreeAcc is without gravity", [("", "(Acc|Gyr)_", r"Free\1_")]),
-    ("dot", "no accelerometer and no gyroscope .FreeAcc is.*'Custom Mode 5'", [("", "(Acc|Gyr)_", r"Free\1_")]),
-    ("movesense", "no gyroscope, only accelerometer and magnetometer", [("", "ArrayGyro", "ArrayTemp")]),
-    ("movesense", "no whole JSON", [("", "(?s).{5000}$", "")]),
-    *(
-        ("movesense", "has no stamp", [("", r'"Timestamp": \d+', f'"Timestamp": {stamp}')])
-        for stamp in ("true", '"500"', "NaN", "1e999")
-    ),
-    ("metawear", "has no gyroscope, only accelerometer", [("Gyroscope", "", None), ("Magn", "", None)]),
-    ("phyphox", r"lasts 4.0 s, but meta/time.csv says 1.5 s: give the files of one",
-     [("time.csv", r'"PAUSE",[^,]*', '"PAUSE",1.5')]),
-    ("phyphox", WITHOUT_GRAVITY, [("Linear", "", None), ("Accelerometer", '"Acc', '"Linear Acc')]),
-    ("phyphox", "has no gyroscope, only accelerometer and magnetometer", [("Gyroscope", r"\n(?s:.*)", "\n")]),
-    ("sensor-logger, iPhone", WITHOUT_GRAVITY, [("Gravity", "", None)]),
-    ("sensor-logger, iPhone", r"of an iPhone or of an Android phone.* Metadata.csv", [("Metadata", "", None)]),
-    ("sensor-logger, iPhone", "has no gyroscope, only acc", [("Gyroscope", r"\n(?s:.*)", "")]),
-    ("sensorlog", WITHOUT_GRAVITY, [("", "accelerometerAcceleration", "motionUserAcceleration")]),
-    ("physics-toolbox", WITHOUT_GRAVITY, [("", "gF", "lost")]),
-    ("androsensor", WITHOUT_GRAVITY, [("", "ACCELEROMETER", "OTHER")]),
-    ("hyperimu", WITHOUT_GRAVITY, [("", "MPL_Accelerometer", "MPL_Linear_Acceleration")]),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("kind", "words", "changes"), REFUSED)
-def test_what_lacks_something_is_refused(kind: str, words: str, changes: list[Change], tmp_path: Path) -> None:
-    with pytest.raises(FormatError, match=words) as caught:
-        Recording.from_raw(read_raw(write_changed(kind, RAW, tmp_path, *changes)))
-    is_a_line(caught.value)
-
-
-@pytest.mark.parametrize("kind", ["androsensor", "gnss-logger", "hyperimu"])
-def test_slow_apps_are_refused(kind: str, tmp_path: Path) -> None:
-    with pytest.raises(FormatError, match=r"has 2 samples a second, too few to follow a walk"):
-        read_raw(SAMPLES[kind].write(replace(RAW, t=RAW.t * 50.0), tmp_path))
-
-
-@pytest.mark.parametrize("kind", SAMPLES)
-def test_one_that_is_cut_within_its_beginning_is_refused(kind: str, tmp_path: Path) -> None:
-    sample = SAMPLES[kind]
-    path = sample.write(RAW, tmp_path)
-    for place in files_of(path):
-        place.write_bytes(place.read_bytes()[:60])
-    with pytest.raises(FormatError) as caught:
-        read_raw(path, sample.format, sensor=sample.sensor)
-    is_a_line(caught.value)
-    assert ": " in str(caught.value)

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import bz2
 import codecs
 import gzip
 import itertools
-import lzma
 import os
 import threading
-import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,22 +18,13 @@ from fg_nav.errors import FormatError
 from fg_nav.io import content as contents
 from fg_nav.io import read_fixes, read_raw, read_truth, write_canonical
 from fg_nav.io.content import read_content
-from tests.io.samples import tilting, write_pyshoe, write_xio
-
-RAW = tilting(np.random.default_rng(3), duration_s=0.5)
+from tests.io.samples import RAW, write_pyshoe, write_xio, write_zip
 
 
 @pytest.fixture
 def text(tmp_path: Path) -> bytes:
     write_canonical(RAW, tmp_path / "one.csv")
     return (tmp_path / "one.csv").read_bytes()
-
-
-def write_zip(path: Path, files: Mapping[str, bytes], method: int = zipfile.ZIP_DEFLATED) -> Path:
-    with zipfile.ZipFile(path, "w", method) as archive:
-        for name, data in files.items():
-            archive.writestr(name, data)
-    return path
 
 
 def write_folder(path: Path, files: Mapping[str, bytes]) -> Path:
@@ -126,25 +114,6 @@ def test_what_is_too_large_is_refused_before_it_is_unpacked(
     monkeypatch.setattr(contents, "MAX_FILES", 3)
     for path in many:
         refuse(path, "holds more than 3 files")
-
-
-def test_damaged_and_locked_archives(text: bytes, tmp_path: Path) -> None:
-    whole = write_zip(tmp_path / "walk.zip", {"walk.csv": text}, zipfile.ZIP_STORED).read_bytes()
-    locked = whole.replace(b"PK\x01\x02\x14\x03\x14\x00\x00", b"PK\x01\x02\x14\x03\x14\x00\x01")
-    other = r"text that is not in UTF-8, UTF-16 with a mark"
-    for message, data in (
-        ("walk.zip cannot be opened, or is damaged .*not a zip file", whole[:-30]),
-        ("walk.zip/walk.csv cannot be opened, or is damaged .*CRC", whole.replace(b"acc_y", b"acc_q")),
-        ("is encrypted, password required", locked),
-        ("walk.zip cannot be opened, or is damaged .*ended before", gzip.compress(text)[:-100]),
-        ("walk.zip cannot be opened, or is damaged", gzip.compress(text)[:3] + b"\xff" * 3000),
-        (other, text.decode().encode("utf-16-le")),
-        (other, text.decode().encode("utf-32")),
-        ("packed in a way that is not read here: unpack it", bz2.compress(text)),
-        ("packed in a way that is not read here: unpack it", lzma.compress(text)),
-    ):
-        (tmp_path / "walk.zip").write_bytes(data)
-        refuse(tmp_path / "walk.zip", message)
 
 
 @contextmanager

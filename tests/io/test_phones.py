@@ -11,10 +11,9 @@ import pytest
 from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io import read_raw
-from fg_nav.recording import RawRecording, Recording
+from fg_nav.recording import RawRecording
 from tests.io.foreign_phones import Files, expected_force, hyperimu, phyphox, sensor_logger, sensorlog, write_files
 from tests.io.samples import tilting
-from tests.real_data import DATA, needs_data
 
 RAW = tilting(np.random.default_rng(3), duration_s=3.0, rate_hz=100.0, still_s=1.0)
 
@@ -104,37 +103,3 @@ def test_a_sensor_that_the_phone_does_not_have(app, tmp_path: Path) -> None:
         raw = read_files({**files, "Magnetometer.csv": text}, tmp_path / str(k))
         assert raw.mag is None
         assert len(raw.t) == len(RAW.t) - 2
-
-
-@needs_data
-def test_real_recordings() -> None:
-    for place, rate_hz, rest, field_uT in (
-        ("phyphox/test_case4", 52.4, 9.9, 54.6),
-        ("phyphox-derived/semicolon-decimal-comma", 10.0, 9.8, 48.0),
-        ("phyphox-derived/tab-decimal-comma", 10.0, 9.8, 48.0),
-        ("sensor-logger-ios/2022-09-16_11-15-46.zip", 100.4, 9.8, None),
-        ("sensor-logger-ios-uncal", 99.9, 9.6, None),
-        ("sensor-logger-android", 101.5, 9.9, 36.4),
-        ("physics-toolbox/INPUT_N.csv", 14.7, 9.9, None),
-        ("hyperimu/short_y_impulse.csv", 43.5, 9.9, None),
-    ):
-        raw = read_raw(DATA / "formats" / place)
-        assert 1.0 / np.median(np.diff(raw.t)) == pytest.approx(rate_hz, abs=0.1), place
-        assert np.nanmedian(np.linalg.norm(raw.acc, axis=1)) == pytest.approx(rest, abs=0.8), place
-        assert (raw.mag is None) == (field_uT is None)
-        if raw.mag is not None:
-            assert np.nanmedian(np.linalg.norm(raw.mag, axis=1)) == pytest.approx(field_uT, abs=0.1)
-        Recording.from_raw(raw)
-
-
-@needs_data
-def test_real_recordings_that_are_refused() -> None:
-    for place, message in (
-        ("sensor-logger-ios-mag", WITHOUT_GRAVITY),
-        ("sensor-logger-ios/2022-09-09_13-14-55", "no gyroscope"),
-        ("phyphox-semicolon", "give the files of one experiment"),
-        ("androsensor/Upstairs1.csv", "2 samples a second"),
-        ("gnss-logger/pixel6.txt", "0.0177 samples a second, too few"),
-    ):
-        with pytest.raises(FormatError, match=message):
-            read_raw(DATA / "formats" / place)

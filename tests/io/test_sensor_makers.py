@@ -12,7 +12,6 @@ from fg_nav.io import read, read_raw
 from tests.io import foreign_sensors as files
 from tests.io.every_format import write_changed
 from tests.io.samples import tilting
-from tests.real_data import DATA, needs_data
 
 RAW = tilting(np.random.default_rng(3), duration_s=4.0, rate_hz=100.0, still_s=1.0)
 needs_ros = pytest.mark.skipif(find_spec("rosbags") is None, reason="the extra `ros` is not installed")
@@ -40,16 +39,6 @@ def test_dot_at_rest_shows_no_unit(tmp_path: Path) -> None:
         read(path)
     mapped = "acc=Acc_X:Acc_Y:Acc_Z[m/s^2],gyr=Gyr_X:Gyr_Y:Gyr_Z[deg/s]"
     np.testing.assert_allclose(read(path, columns=mapped, rate_hz=100.0).gyr, still.gyr, atol=1e-4)
-
-
-def test_one_of_several_sensors_must_be_named(tmp_path: Path) -> None:
-    path = tmp_path / "walk.csv"
-    files.write_apdm(RAW, path)
-    with pytest.raises(FormatError, match=r"2 sensors \(Lumbar, Left Foot\): name one, such as `--sensor 'Left Foot'`"):
-        read(path)
-    with pytest.raises(FormatError, match="no one 'right' among its sensors: choose one of Lumbar, Left Foot"):
-        read(path, sensor="right")
-    np.testing.assert_allclose(read(path, sensor="LUMBAR").gyr, -RAW.gyr, atol=1e-6)
 
 
 def test_shimmer_takes_the_clock_since_1970_before_its_own_and_numbers_before_text(tmp_path: Path) -> None:
@@ -139,37 +128,3 @@ def test_without_the_extra_it_says_what_to_install(tmp_path: Path, monkeypatch: 
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
     with pytest.raises(FormatError, match=r"which rosbags reads: pip install 'fg-nav\[ros\]'"):
         read(tmp_path / "walk.bag")
-
-
-@needs_data
-@needs_ros
-def test_real_bags() -> None:
-    one = read(DATA / "formats/rosbag1/sparkfun_razor.bag")
-    assert one.period_s == pytest.approx(1 / 69, rel=1e-2)
-    assert one.mag is None
-    for place in ("razor_db3", "razor_mcap/razor_mcap.mcap"):
-        np.testing.assert_array_equal(read(DATA / "formats/ros2-converted" / place).acc, one.acc)
-
-
-@needs_data
-def test_real_files_of_sensor_makers() -> None:
-    folder = DATA / "formats"
-    for place, period_s in (
-        ("xsens-mt-manager/old_data_xsens.txt", 1 / 50),
-        ("xsens-dot/recording_bei_D4CA6EF17860_20210830_170505.csv", 1 / 120),
-        ("movesense/MovesenseLog_3_786.json", 1 / 102.6),
-        ("metawear", 1 / 25),
-        ("yei-3space/data_yei.txt", 9.1e-3),
-    ):
-        assert read(folder / place).period_s == pytest.approx(period_s, rel=1e-2)
-    with pytest.raises(FormatError, match="does not show whether its gyroscope is in deg/s or rad/s"):  # on a desk
-        read(folder / "xsens-dot-pcsdk/logfile_CustomMode4.csv")
-    assert read(folder / "shimmer-consensys/devicely_read_test_data.csv").period_s == pytest.approx(1 / 51.2, rel=1e-2)
-    rest = np.linalg.norm(read(folder / "shimmer-consensys/Accelerometre_Carre.csv").acc[0])
-    assert rest == pytest.approx(9.8, abs=0.2)
-    assert (
-        read_raw(folder / "xsens-mt-manager/MT2022_ACC_GYRO_ROT_MAT_SPACE_00B42D4B.txt", rate_hz=100.0).acc[0, 2] > 9.8
-    )
-    assert len(read_raw(folder / "apdm-csv/apdm_format7.csv", sensor="Left Foot").t) == 3
-    vectornav = read(folder / "vectornav-vn310/Static-vn310-imu.csv")
-    assert np.linalg.norm(vectornav.mag[0]) == pytest.approx(22.0, abs=1.0)
