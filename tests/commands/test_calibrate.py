@@ -7,61 +7,30 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.spatial.transform import Rotation
 
 from fg_nav.calibration.of_recording import read_calibration, write_calibration
 from fg_nav.commands.requests import StreamRequest
 from fg_nav.commands.stream import read_stream_options
-from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.io import read, write_canonical
+from fg_nav.io import write_canonical
 from fg_nav.lab.simulation import simulate
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.pipeline import prepare_walk
-from fg_nav.recording import Recording
 from fg_nav.walk import read_walk
 from tests.command_line import FgNav, names
 from tests.commands.folders import config, read_json, strides, summary
-from tests.magnetic.turning_walks import minute
+from tests.commands.recordings import AXES, EARTH, HARD_IRON, OFF_DEG_S, SOFT_IRON, recorded, recording
 
-EARTH = np.array([0.0, 21.0, -43.0])  # uT, in nav.
-HARD_IRON = np.array([14.0, -8.0, 5.0])
-SOFT_IRON = np.array([[1.08, 0.03, 0.0], [0.03, 0.95, -0.02], [0.0, -0.02, 1.01]])
-NOISE_UT = 0.3
 IEZ = ("--method", "iez", "--plots")
 
 
-def tumbled(seconds: float = 60.0, rate_hz: float = 100.0) -> Recording:
-    """A sensor turned over in all directions by hand; it never walks."""
-    rng = np.random.default_rng(1)
-    t = np.arange(int(seconds * rate_hz)) / rate_hz
-    rate = np.stack([np.sin(0.31 * t), np.cos(0.23 * t), 0.7 * np.sin(0.17 * t + 1.0)], axis=1)
-    now, found = Rotation.identity(), []
-    for step in Rotation.from_rotvec(rate / rate_hz):
-        found.append(now.as_matrix())
-        now = now * step
-    acc, field = (np.array(found).transpose(0, 2, 1) @ one for one in (np.array([0.0, 0.0, GRAVITY_M_S2]), EARTH))
-    acc = acc + 0.02 * rng.normal(size=(len(t), 3))
-    return Recording(t, acc, rate, field @ SOFT_IRON.T + HARD_IRON + NOISE_UT * rng.normal(size=(len(t), 3)))
-
-
-@pytest.fixture(scope="module")
-def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder with `loop.csv`, `cal.json` of it, `tumbled.csv` and `no-mag.csv`."""
-    folder = tmp_path_factory.mktemp("recordings")
-    loop = simulate("calibration-loop", 101).recording
-    write_canonical(loop, folder / "loop.csv")
-    write_canonical(replace(loop, mag=None), folder / "no-mag.csv")
-    write_canonical(tumbled(), folder / "tumbled.csv")
-    return folder
-
-
 @pytest.fixture
-def loop_calibration(fg_nav: FgNav, files: Path) -> Path:
+def loop_calibration(fg_nav: FgNav) -> Path:
     """That of the loop, made once."""
-    if not (files / "cal.json").exists():
-        assert fg_nav("calibrate", files / "loop.csv", "--out", files / "cal.json").code == 0
-    return files / "cal.json"
+    path = recorded("loop").with_name("cal.json")
+    if not path.exists():
+        assert fg_nav("calibrate", recorded("loop"), "--out", path).code == 0
+    return path
 
 
 def spread_deg(difference: np.ndarray) -> float:
@@ -71,9 +40,9 @@ def spread_deg(difference: np.ndarray) -> float:
 
 @pytest.mark.parametrize("arguments", [(), ("--method", "levelled")], ids=["walk", "levelled"])
 def test_a_calibration_from_a_loop_brings_the_compass_to_the_gyroscope(
-    fg_nav: FgNav, files: Path, arguments: tuple[str, ...]
+    fg_nav: FgNav, arguments: tuple[str, ...]
 ) -> None:
-    ran = fg_nav("calibrate", files / "loop.csv", "--out", "deep/cal.json", *arguments)
+    ran = fg_nav("calibrate", recorded("loop"), "--out", "deep/cal.json", *arguments)
     assert (ran.code, ran.err) == (0, "")
     assert names(Path("deep")) == {"cal.json"}
     for words in ("hard iron x (uT)", "gyro bias z (deg/s)", "before", "notes", "--calibration deep/cal.json"):
@@ -81,9 +50,9 @@ def test_a_calibration_from_a_loop_brings_the_compass_to_the_gyroscope(
     assert ("as given" in ran.out) == bool(arguments)
     assert "acc scale" not in ran.out  # a loop cannot tell it from a bias
     assert read_calibration(Path("deep/cal.json")).recording == "loop.csv"
-    ran = fg_nav("detect", files / "loop.csv", "--gate", "qsf", "--out", "cal", "--calibration", "deep/cal.json")
+    ran = fg_nav("detect", recorded("loop"), "--gate", "qsf", "--out", "cal", "--calibration", "deep/cal.json")
     assert ran.code == 0, ran.err
-    walk = prepare_walk(read_walk(files / "loop.csv"))
+    walk = prepare_walk(read_walk(recorded("loop")))
     assert walk.sensed is not None  # without a file the walk corrects itself
     raw = average_footfall_field(walk.sensed, walk.stances).heading_difference
     corrected_deg = spread_deg(np.radians(strides("cal", "field.csv")["difference_deg"].to_numpy()))
@@ -93,11 +62,9 @@ def test_a_calibration_from_a_loop_brings_the_compass_to_the_gyroscope(
 
 
 @pytest.mark.parametrize("method", ["ellipsoid", "sphere"])
-def test_a_sensor_turned_over_is_calibrated_and_a_known_strength_gives_the_scale(
-    fg_nav: FgNav, files: Path, method: str
-) -> None:
+def test_a_sensor_turned_over_is_calibrated_and_a_known_strength_gives_the_scale(fg_nav: FgNav, method: str) -> None:
     chosen = () if method == "ellipsoid" else ("--method", method)
-    ran = fg_nav("calibrate", files / "tumbled.csv", "--out", "plain.json", *chosen)
+    ran = fg_nav("calibrate", recorded("tumbled"), "--out", "plain.json", *chosen)
     assert ran.code == 0, ran.err
     assert "turned over in all directions" in ran.out or chosen
     found, strength = read_calibration(Path("plain.json")).magnetometer, float(np.linalg.norm(EARTH))
@@ -106,17 +73,17 @@ def test_a_sensor_turned_over_is_calibrated_and_a_known_strength_gives_the_scale
     assert np.linalg.det(found.correction) == pytest.approx(1.0, abs=1e-6)  # the size of the readings is left
     assert found.strength_uT == pytest.approx(strength * np.cbrt(np.linalg.det(SOFT_IRON)), abs=0.2)
     told = ("--method", method, "--strength", strength, "--json")
-    ran = fg_nav("calibrate", files / "tumbled.csv", "--out", "cal.json", *told)
+    ran = fg_nav("calibrate", recorded("tumbled"), "--out", "cal.json", *told)
     assert json.loads(ran.out)["calibration"] == json.loads(Path("cal.json").read_text())
     found = read_calibration(Path("cal.json")).magnetometer
-    corrected = found.correct(read(files / "tumbled.csv").mag)
+    corrected = found.correct(recording("tumbled").mag)
     assert np.linalg.norm(corrected, axis=1).mean() == pytest.approx(strength, abs=0.1)
     assert np.linalg.inv(found.correction) == pytest.approx(SOFT_IRON, abs=0.01)
 
 
-def test_run_and_compare_tell_what_was_corrected(fg_nav: FgNav, files: Path, loop_calibration: Path) -> None:
+def test_run_and_compare_tell_what_was_corrected(fg_nav: FgNav, loop_calibration: Path) -> None:
     told = (*IEZ, "html", "--calibration", loop_calibration)
-    ran = fg_nav("run", files / "loop.csv", *told, "--out", "out")
+    ran = fg_nav("run", recorded("loop"), *told, "--out", "out")
     assert ran.code == 0, ran.err
     assert "corrected by the calibration: magnetometer (walk)" in Path("out/report.html").read_text()
     said, known = config("out")["calibration"], read_calibration(loop_calibration).magnetometer
@@ -124,71 +91,55 @@ def test_run_and_compare_tell_what_was_corrected(fg_nav: FgNav, files: Path, loo
     assert said["corrected"] == ["magnetometer (walk)"]
     assert said["hard_iron_uT"] == known.hard_iron_uT.tolist()
     assert said["correction"] == known.correction.tolist()
-    assert fg_nav("run", files / "loop.csv", *IEZ, "html", "--out", "plain").code == 0
+    assert fg_nav("run", recorded("loop"), *IEZ, "html", "--out", "plain").code == 0
     assert "corrected by the calibration" not in Path("plain/report.html").read_text()
     assert config("plain")["calibration"] is None
     bias, plain_bias = (strides(out).filter(like="gyro_bias") for out in ("out", "plain"))
     pd.testing.assert_frame_equal(bias, plain_bias)  # of a calibration the gyroscope's bias is not taken off
     both = ("--methods", "iez", "--plots", "none", "--calibration", loop_calibration, "--out", "both")
-    assert fg_nav("compare", files / "loop.csv", *both).code == 0
+    assert fg_nav("compare", recorded("loop"), *both).code == 0
     assert config("both/iez")["calibration"]["corrected"] == ["magnetometer (walk)"]
     # without the magnetometer its calibration is left out
-    assert fg_nav("run", files / "loop.csv", *told, "--no-mag", "--out", "bare").code == 0
+    assert fg_nav("run", recorded("loop"), *told, "--no-mag", "--out", "bare").code == 0
     assert config("bare")["calibration"]["corrected"] == []
     assert "corrected by the calibration: nothing" in Path("bare/report.html").read_text()
-    assert fg_nav("run", files / "no-mag.csv", *told, "--out", "none").refused("no magnetometer")
+    assert fg_nav("run", recorded("loop-bare"), *told, "--out", "none").refused("no magnetometer")
 
 
-def test_an_accelerometer_is_corrected_where_scale_and_bias_are_known(
-    fg_nav: FgNav, files: Path, loop_calibration: Path
-) -> None:
+def test_an_accelerometer_is_corrected_where_scale_and_bias_are_known(fg_nav: FgNav, loop_calibration: Path) -> None:
     known = read_calibration(loop_calibration)
     assert not known.accelerometer.separable
     accelerometer = replace(known.accelerometer, scale=1.02, bias=np.zeros(3), separable=True)
     write_calibration(Path("scaled.json"), replace(known, accelerometer=accelerometer))
     for name, file in {"cal": loop_calibration, "scaled": "scaled.json"}.items():
-        ran = fg_nav("run", files / "loop.csv", *IEZ, "none", "--calibration", file, "--out", name)
+        ran = fg_nav("run", recorded("loop"), *IEZ, "none", "--calibration", file, "--out", name)
         assert ran.code == 0, ran.err
     assert config("scaled")["calibration"]["corrected"][1] == "accelerometer"
     assert summary("cal")["distance_m"] / summary("scaled")["distance_m"] == pytest.approx(1.02, abs=0.01)
 
 
-OFF_DEG_S = {"still": (0.5, 0.0, 0.0), "a": (0.5, 0.0, 0.0), "b": (0.51, 0.01, 0.01), "c": (0.49, -0.01, -0.01)}
-
-
-@pytest.fixture(scope="module")
-def sensor(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder with `still.csv` and walks `a.csv`, `b.csv`, `c.csv` of one sensor, without a magnetometer."""
-    folder = tmp_path_factory.mktemp("sensor")
-    lying, walk = simulate("at-rest", 3).recording.slice(0, 6000), simulate("demo", 3).recording.slice(0, 8000)
-    for name, one in {"still": lying, **dict.fromkeys("abc", walk)}.items():
-        rate = one.gyr + np.radians(OFF_DEG_S[name])
-        write_canonical(replace(one, gyr=rate, mag=one.mag if name == "still" else None), folder / f"{name}.csv")
-    return folder
-
-
-def test_a_still_sensor_shows_the_bias_that_a_walk_begins_with(fg_nav: FgNav, sensor: Path) -> None:
-    ran = fg_nav("calibrate", sensor / "still.csv", "--out", "cal.json")
+def test_a_still_sensor_shows_the_bias_that_a_walk_begins_with(fg_nav: FgNav) -> None:
+    ran = fg_nav("calibrate", recorded("still"), "--out", "cal.json")
     assert ran.code == 0, ran.err
     assert "without the magnetometer" in ran.out
     known = read_calibration(Path("cal.json"))
     assert known.magnetometer is None
     prior = known.gyroscope.prior
-    assert fg_nav("calibrate", sensor / "still.csv", "--out", "mag.json", "--method", "walk").code == 1
+    assert fg_nav("calibrate", recorded("still"), "--out", "mag.json", "--method", "walk").code == 1
     given = [f"smoother.{name}={json.dumps(value)}" for name, value in prior.items()]
     for method in ("inertial", "online"):
-        told = ("run", sensor / "a.csv", "--method", method, "--plots", "none")
+        told = ("run", recorded("a"), "--method", method, "--plots", "none")
         assert fg_nav(*told, "--calibration", "cal.json", "--out", method).code == 0
         assert fg_nav(*told, *(word for one in given for word in ("--set", one)), "--out", f"{method}-set").code == 0
         pd.testing.assert_frame_equal(strides(method), strides(f"{method}-set"))  # the samples stay as they are
         assert tuple(config(method)["parameters"]["gyro_bias_deg_s"]) == prior["gyro_bias_deg_s"]
         assert "before the walk, from the calibration" in json.dumps(read_json(method, "summary.json"))
-    streamed = read_stream_options(StreamRequest(source=str(sensor / "a.csv")), Path("cal.json")).online
+    streamed = read_stream_options(StreamRequest(source=str(recorded("a"))), Path("cal.json")).online
     assert streamed.parameters.gyro_bias_deg_s == prior["gyro_bias_deg_s"]
 
 
-def test_walks_of_one_sensor_show_its_mean(fg_nav: FgNav, sensor: Path) -> None:
-    ran = fg_nav("calibrate", *(sensor / f"{name}.csv" for name in "abc"), "--out", "cal.json")
+def test_walks_of_one_sensor_show_its_mean(fg_nav: FgNav) -> None:
+    ran = fg_nav("calibrate", *map(recorded, "abc"), "--out", "cal.json")
     assert ran.code == 0, ran.err
     found = read_calibration(Path("cal.json")).gyroscope
     assert found.recordings == 3
@@ -200,25 +151,13 @@ def test_walks_of_one_sensor_show_its_mean(fg_nav: FgNav, sensor: Path) -> None:
 # --- axes of the magnetometer ----------------------------------------------------------------------------------------
 
 
-AXES = "-y,-x,z"  # A mirror.
-
-
-@pytest.fixture(scope="module")
-def turned(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Twenty-seven seconds at 100 Hz, 22 ms late."""
-    path = tmp_path_factory.mktemp("recordings") / "turned.csv"
-    recording = replace(minute(5, 0.022, rate_hz=100.0), truth=None).slice(0, 2700)
-    write_canonical(MagAxes(MagAxes.parse(AXES).P.T).apply_to(recording), path)
-    return path
-
-
-def test_a_run_leaves_it_out_and_says_what_to_give(fg_nav: FgNav, turned: Path) -> None:
-    assert fg_nav("run", turned, "--method", "iez", "--plots", "none", "--out", "plain").code == 0
+def test_a_run_leaves_it_out_and_says_what_to_give(fg_nav: FgNav) -> None:
+    assert fg_nav("run", recorded("turned"), "--method", "iez", "--plots", "none", "--out", "plain").code == 0
     said = summary("plain")
     assert "axes" in str(said["magnetometer"])
     assert f"--mag-axes={AXES}" in str(said["notes"])
     assert said["magnetometer_delay"] is None
-    assert fg_nav("run", turned, "--method", "iez", f"--mag-axes={AXES}", "--out", "given").code == 0
+    assert fg_nav("run", recorded("turned"), "--method", "iez", f"--mag-axes={AXES}", "--out", "given").code == 0
     said = summary("given")
     assert "mag-axes" not in str(said["notes"])
     assert "ms late" in str(said["notes"])
@@ -226,29 +165,29 @@ def test_a_run_leaves_it_out_and_says_what_to_give(fg_nav: FgNav, turned: Path) 
     assert config("given")["mag_axes"] == AXES
 
 
-def test_inspect_and_detect_say_it(fg_nav: FgNav, turned: Path) -> None:
-    assert f"--mag-axes={AXES}" in "".join(fg_nav("inspect", turned).out.split("\n")).replace(" ", "")
+def test_inspect_and_detect_say_it(fg_nav: FgNav) -> None:
+    assert f"--mag-axes={AXES}" in "".join(fg_nav("inspect", recorded("turned")).out.split("\n")).replace(" ", "")
     for detectors in ("ma2018", "munoz-diaz"):
-        assert fg_nav("detect", turned, "--gate", detectors).refused(f"--mag-axes={AXES}")
-        assert fg_nav("detect", turned, "--gate", detectors, f"--mag-axes={AXES}").code == 0
+        assert fg_nav("detect", recorded("turned"), "--gate", detectors).refused(f"--mag-axes={AXES}")
+        assert fg_nav("detect", recorded("turned"), "--gate", detectors, f"--mag-axes={AXES}").code == 0
 
 
-def test_a_calibration_is_of_the_axes_given(fg_nav: FgNav, turned: Path) -> None:
-    calibrate = ("calibrate", turned, "--out", "c.json", "--method")
+def test_a_calibration_is_of_the_axes_given(fg_nav: FgNav) -> None:
+    calibrate = ("calibrate", recorded("turned"), "--out", "c.json", "--method")
     assert fg_nav(*calibrate, "levelled").refused(f"--mag-axes={AXES}")
     ran = fg_nav(*calibrate, "walk", f"--mag-axes={AXES}")
     assert ran.code == 0, ran.err
     assert f"--mag-axes={AXES}" in ran.out.replace("\n", "")
-    write_canonical(MagAxes.parse(AXES).apply_to(read(turned)), Path("right.csv"))
+    write_canonical(MagAxes.parse(AXES).apply_to(recording("turned")), Path("right.csv"))
     assert fg_nav("calibrate", Path("right.csv"), "--out", "right.json", "--method", "walk").code == 0
     given, right = (read_calibration(Path(name)).magnetometer for name in ("c.json", "right.json"))
     np.testing.assert_allclose(given.hard_iron_uT, right.hard_iron_uT, atol=1e-3)
 
 
 @pytest.mark.usefixtures("solved_here")
-def test_a_stream_is_turned_row_by_row(fg_nav: FgNav, turned: Path) -> None:
+def test_a_stream_is_turned_row_by_row(fg_nav: FgNav) -> None:
     short = Path("short.csv")
-    short.write_text("".join(turned.read_text().splitlines(keepends=True)[:2400]))
+    short.write_text("".join(recorded("turned").read_text().splitlines(keepends=True)[:2400]))
     assert f"--mag-axes={AXES}" in fg_nav("stream", short, "--speed", "max", "--lag", "30").err
     ran = fg_nav("stream", short, "--speed", "max", f"--mag-axes={AXES}", "--out", "out")
     assert ran.code == 0

@@ -20,27 +20,12 @@ from fg_nav.recording import Recording
 from fg_nav.smoother.graph import KINDS
 from fg_nav.walk import read_walk
 from tests.command_line import FgNav, names
-from tests.commands.folders import config, read_json, strides, summary, write_truth
+from tests.commands.folders import config, read_json, strides, summary
+from tests.commands.recordings import recorded, truth_of
 
 
-@pytest.fixture(scope="module")
-def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder with `walk.csv`, its 30 s `half.csv`, `truth.tum`, `no-mag.csv`, and `slow.csv` with a field at 1 Hz."""
-    folder = tmp_path_factory.mktemp("recordings")
-    walk = simulate("demo", 5).recording
-    half = walk.slice(0, 6000)
-    slow = np.full_like(half.mag, np.nan)
-    slow[::200] = half.mag[::200]
-    for name, one in {
-        "walk": walk, "half": half, "no-mag": replace(half, mag=None), "slow": replace(half, mag=slow),
-    }.items():  # fmt: skip
-        write_canonical(one, folder / f"{name}.csv")
-    write_truth(folder / "truth.tum", walk)
-    return folder
-
-
-def test_detect_writes_figures_pictures_and_a_table(fg_nav: FgNav, files: Path) -> None:
-    ran = fg_nav("detect", files / "walk.csv", "--truth", files / "truth.tum", "--out", "out")
+def test_detect_writes_figures_pictures_and_a_table(fg_nav: FgNav) -> None:
+    ran = fg_nav("detect", recorded("walk"), "--truth", truth_of("walk"), "--out", "out")
     assert (ran.code, ran.err) == (0, "")
     assert names(Path("out")) == DETECT_FILES
     found, said = strides("out", "field.csv"), read_json("out", "detect.json")
@@ -54,21 +39,21 @@ def test_detect_writes_figures_pictures_and_a_table(fg_nav: FgNav, files: Path) 
     np.testing.assert_allclose(np.degrees(wrap_angle(difference)), found["difference_deg"], atol=1e-6)
     for words in ("longest run", "files: out", "field.png, field_map.png", "note: no calibration"):
         assert words in ran.out
-    ran = fg_nav("detect", files / "half.csv", "--gate", "all", "--out", "all", "--json")
+    ran = fg_nav("detect", recorded("half"), "--gate", "all", "--out", "all", "--json")
     told = read_json("all", "detect.json")
     assert json.loads(ran.out) == {"folder": "all", **told}
     assert list(told["detectors"]) == list(SURVEYED)
     # it replaces its own files only
-    again = ("detect", files / "half.csv", "--gate", "qsf", "--out", "out")
+    again = ("detect", recorded("half"), "--gate", "qsf", "--out", "out")
     assert fg_nav(*again).refused("already holds a result", "--force")
     assert fg_nav(*again, "--force").code == 0
-    assert fg_nav("run", files / "half.csv", "--out", "out", "--force").refused("does not write")
+    assert fg_nav("run", recorded("half"), "--out", "out", "--force").refused("does not write")
 
 
-def test_every_method_without_a_compass_writes_the_same_verdicts(fg_nav: FgNav, files: Path) -> None:
-    verdicts = np.array(apply_gate(require_field(prepare_walk(read_walk(files / "walk.csv"))), "aiez").words)
+def test_every_method_without_a_compass_writes_the_same_verdicts(fg_nav: FgNav) -> None:
+    verdicts = np.array(apply_gate(require_field(prepare_walk(read_walk(recorded("walk")))), "aiez").words)
     words = ("--methods", "inertial,iez", "--gate", "aiez", "--plots", "none", "--out", "out")
-    ran = fg_nav("compare", files / "walk.csv", *words)
+    ran = fg_nav("compare", recorded("walk"), *words)
     assert ran.code == 0, ran.err
     assert {"none", "disturbed", "quasi-static"} == set(verdicts)
     for method in ("inertial", "iez"):
@@ -80,11 +65,11 @@ def test_every_method_without_a_compass_writes_the_same_verdicts(fg_nav: FgNav, 
         assert gate["parameters"]["channels"]
 
 
-def test_heading_turns_the_gyroscope_and_place_the_compass(fg_nav: FgNav, files: Path) -> None:
+def test_heading_turns_the_gyroscope_and_place_the_compass(fg_nav: FgNav) -> None:
     pytest.importorskip("pygeomag", reason="the extra wmm is not installed")
     where = ("--place", "64.1,-21.9,2025-06-01")  # Reykjavik: about 11 deg west
     for out, more in {"plain": (), "turned": ("--heading", "30"), "there": where}.items():
-        assert fg_nav("detect", files / "half.csv", "--gate", "qsf", *more, "--out", out).code == 0
+        assert fg_nav("detect", recorded("half"), "--gate", "qsf", *more, "--out", out).code == 0
     plain, turned, there = (strides(name, "field.csv") for name in ("plain", "turned", "there"))
     for column, change, other in (("gyro_heading_deg", 30.0, turned), ("compass_heading_deg", -11.0, there)):
         by = np.degrees(wrap_angle(np.radians(other[column] - plain[column])))
@@ -94,24 +79,24 @@ def test_heading_turns_the_gyroscope_and_place_the_compass(fg_nav: FgNav, files:
 
 @pytest.mark.parametrize(
     ("words", "reason"),
-    [("half.csv --no-mag", "left out"), ("no-mag.csv", "no magnetometer"), ("slow.csv", "samples of the field")],
+    [("part --no-mag", "left out"), ("bare", "no magnetometer"), ("slow", "samples of the field")],
 )
-def test_a_field_that_cannot_be_judged_fails_no_run(fg_nav: FgNav, files: Path, words: str, reason: str) -> None:
+def test_a_field_that_cannot_be_judged_fails_no_run(fg_nav: FgNav, words: str, reason: str) -> None:
     name, *more = words.split()
-    ran = fg_nav("run", files / name, "--method", "iez", *more, "--plots", "html", "--out", "out")
+    ran = fg_nav("run", recorded(name), "--method", "iez", *more, "--plots", "html", "--out", "out")
     assert ran.code == 0, ran.err
     assert set(strides("out")["field"]) == {"none"}
     assert strides("out")["field_reason"].str.contains(reason).all()
     assert config("out")["gate"] is None
-    assert ("<li>the field was not judged" in Path("out/report.html").read_text()) == (name == "slow.csv")
+    assert ("<li>the field was not judged" in Path("out/report.html").read_text()) == (name == "slow")
 
 
 @pytest.mark.parametrize(("method", "gate"), [("smoother", "aiez:hard"), ("online", "aiez:hard"), ("online", "none")])
 def test_what_passes_the_gate_is_what_the_graph_has_and_what_all_files_say(
-    fg_nav: FgNav, files: Path, method: str, gate: str
+    fg_nav: FgNav, method: str, gate: str
 ) -> None:
     words = ("--method", method, "--gate", gate, "--heading", "0", "--plots", "html", "--out", "out")
-    ran = fg_nav("run", files / "half.csv", *words)
+    ran = fg_nav("run", recorded("half"), *words)
     assert ran.code == 0, ran.err
     verdicts, known, graph = strides("out")["field"], config("out"), summary("out")["graph"]
     assert known["parameters"]["magnetic"]["gate"] == known["gate"]["name"] == gate

@@ -23,7 +23,6 @@ from fg_nav.commands.shared import Target
 from fg_nav.commands.stream import End, LinePrinter, save_end
 from fg_nav.errors import OutputError
 from fg_nav.frames import compute_heading
-from fg_nav.io import write_canonical
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import rows_of
@@ -35,6 +34,7 @@ from fg_nav.report.files import summarize_lagged, write_footfalls, write_lagged
 from fg_nav.view.outlets import Outlets
 from tests.command_line import names
 from tests.commands.folders import strides, summary
+from tests.commands.recordings import recorded
 from tests.online.walks import NORTH, push, short_walk, whole_walk, worst_difference
 
 
@@ -44,11 +44,9 @@ def waits_for_solutions(monkeypatch):
     monkeypatch.setattr("fg_nav.online.smoother.FAST", 0.0)
 
 
-@pytest.fixture(scope="module")
-def csv(tmp_path_factory) -> Path:
-    path = tmp_path_factory.mktemp("stream") / "walk.csv"
-    write_canonical(short_walk(), path)
-    return path
+@pytest.fixture
+def csv() -> Path:
+    return recorded("short")
 
 
 class Pieces(TextSource):
