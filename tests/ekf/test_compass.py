@@ -4,17 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from fg_nav.detection.rest import find_start
 from fg_nav.ekf.compass import find_first_heading, make_aiez_measurements, run_with_compass
-from fg_nav.ekf.core import IezParameters, filter_walk, propagate_considered, run_iez
+from fg_nav.ekf.core import IezParameters, filter_walk, run_iez
 from fg_nav.ekf.presets import AS_PRINTED, GATED, PHYSICAL, RTS, find_parameters, run_filter
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.magnetic.detectors import DETECTORS, scale_detector
-from fg_nav.mechanisation import NavState
-from tests.ekf.motion import STRAIGHT, error_of, off_deg, random_state, walked
+from tests.ekf.motion import STRAIGHT, off_deg, walked
 
 DRIFT = {"gyro_bias_deg_s": 0.2, "from_s": 3.0}  # Not seen in the rest at the start: 12 deg at the end.
 MA, OWN = find_parameters("ma2018", PHYSICAL), find_parameters("aiez", PHYSICAL)
@@ -119,17 +117,6 @@ def test_a_field_that_turns_is_left_out_and_one_that_stays_turned_is_accepted():
     off = off_deg(solution, headings)
     assert abs(off[recording.t < 22.0]).max() < 1.0
     assert off[-1] < -10.0
-
-
-def test_a_considered_heading_turns_the_walk_about_its_start():
-    """Against a walk that is turned: an estimate a rad too far to the left is R(a) truth, in every component."""
-    truth, a = random_state(5), 1e-6
-    turn = Rotation.from_rotvec([0.0, 0.0, a]).as_matrix()
-    turned = NavState(turn @ truth.position, turn @ truth.velocity, turn @ truth.nav_R_body, *truth[3:])
-    considered = a * np.eye(15)[8]
-    propagate_considered(considered, truth)
-    np.testing.assert_allclose(considered, error_of(turned, truth), atol=a * 1e-5)
-    assert np.abs(considered[[0, 1, 3, 4]]).min() > 0.05 * a
 
 
 def test_position_and_heading_covary_as_a_walk_with_another_start_heading():

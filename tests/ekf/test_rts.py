@@ -11,14 +11,13 @@ from fg_nav.ekf import core
 from fg_nav.ekf.core import IezParameters, filter_walk, make_initial_state
 from fg_nav.ekf.covariance import SIZE, VELOCITY, compute_densities, propagate_columns
 from fg_nav.ekf.measurements import make_pseudo_measurements
-from fg_nav.ekf.rts import propagate_adjoint, propagate_information, undo_step
 from fg_nav.ekf.update import INNOVATION, ROW, VARIANCE
 from fg_nav.estimators import estimate
 from fg_nav.frames import compute_heading
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.walk import Options
 from fg_nav.walk import Walk as PreparedWalk
-from tests.ekf.motion import Walk, random_covariance
+from tests.ekf.motion import Walk
 
 WALK = Walk(strides=4, rest_s=0.6, roll=0.3, height=0.06)
 START_SIGMA = np.radians(5.0)
@@ -69,21 +68,6 @@ def dense_step(turn, push, h):
     F = np.eye(SIZE)
     propagate_columns(F, SIZE, turn, push, h)
     return F
-
-
-def test_the_adjoint_of_a_step_is_its_transpose_and_its_inverse_undoes_it():
-    rng, h = np.random.default_rng(1), 0.01
-    for seed in range(20):
-        turn, push, X = 0.02 * rng.standard_normal((3, 3)), 0.3 * rng.standard_normal(3), rng.standard_normal((SIZE, 4))
-        F, information = dense_step(turn, push, h), random_covariance(seed)
-        carried, moved, e = X.copy(), information.copy(), F @ X[:, 0]
-        propagate_adjoint(carried, 0, 4, turn, push, h)
-        np.testing.assert_allclose(carried, F.T @ X, atol=1e-14)
-        propagate_information(moved, turn, push, h)
-        np.testing.assert_allclose(moved, F.T @ information @ F, atol=1e-12)
-        assert np.array_equal(moved, moved.T)
-        undo_step(e, turn, push, h)
-        np.testing.assert_allclose(e, X[:, 0], atol=1e-14)
 
 
 def tape_of(monkeypatch, *arguments):
