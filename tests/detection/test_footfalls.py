@@ -5,7 +5,6 @@ from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
-from scipy.signal import find_peaks
 from scipy.spatial.transform import Rotation
 
 from fg_nav.detection import detect_stances
