@@ -163,6 +163,9 @@ def test_a_run_leaves_it_out_and_says_what_to_give(fg_nav: FgNav) -> None:
     assert "ms late" in str(said["notes"])
     assert said["magnetometer_delay"]["tau_s"] == pytest.approx(0.022, abs=0.001)
     assert config("given")["mag_axes"] == AXES
+    forced = ("--mag-axes=x,y,z", "--plots", "none", "--out", "forced")
+    assert fg_nav("run", recorded("turned"), "--method", "iez", *forced).code == 0
+    assert "used all the same" in str(summary("forced")["notes"])
 
 
 def test_inspect_and_detect_say_it(fg_nav: FgNav) -> None:

@@ -5,6 +5,7 @@ from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
+from scipy.signal import find_peaks
 from scipy.spatial.transform import Rotation
 
 from fg_nav.detection import detect_stances
@@ -185,6 +186,19 @@ def test_the_best_chain_is_the_best_of_all():
         chain = ff._find_best_chain(*problem)
         assert np.all(np.diff(chain) > 0)
         assert score(tuple(chain)) == pytest.approx(best, rel=1e-12)
+
+
+def test_minima_are_the_prominent_ones():
+    rng = np.random.default_rng(1)
+    for count in (1, 2, 7, 40, 40, 40):
+        level = 50.0 * rng.standard_normal(count)
+        for prominence in (1.0, 5.0, 20.0):
+            first, last = ff._find_minima(level, prominence)
+            peaks, _ = find_peaks(-np.concatenate([[1e3], level, [1e3]]), prominence=prominence)
+            np.testing.assert_array_equal(first, peaks - 1)
+            np.testing.assert_array_equal(last, first)
+    rest = np.array([5.0, 3, 3, 3.2, 3, 5, 4, 5, 3, 3])  # of which each is one from its first sample to its last
+    np.testing.assert_array_equal(ff._find_minima(rest, 0.5), [[1, 6, 8], [4, 6, 9]])
 
 
 @pytest.mark.parametrize("rate_hz", [100.0, 400.0])
