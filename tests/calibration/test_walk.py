@@ -157,15 +157,6 @@ def test_what_a_straight_walk_and_the_same_places_again_do_not_show_is_in_the_si
     assert (half - none) / (whole - none) == pytest.approx(0.45, abs=0.06)  # and fields absorbed, which are fewer
 
 
-def test_a_frame_turned_about_up_changes_nothing():
-    field = walked(round_walk(), 6)
-    about = yaw_rotation(1.1)
-    turned = replace(field, nav_R_body=about @ field.nav_R_body, place=field.place @ about.T)
-    one, other = calibrate_on_walk(field), calibrate_on_walk(turned)
-    np.testing.assert_allclose(other.hard_iron_uT, one.hard_iron_uT, atol=0.02)
-    np.testing.assert_allclose(other.sigma, one.sigma, rtol=0.01)
-
-
 def test_a_single_magnet_does_not_move_it():
     walk = walked(round_walk(), 7)
     reading = walk.reading.copy()
@@ -275,15 +266,6 @@ def test_the_gain_of_the_iron_is_that_of_blocks_left_out():
             gain += sign * ((r[block] - A[block] @ step) ** 2).sum()
     assert abs(gain) > 5.0
     assert walk_module._measure_gain(walk, fit) == pytest.approx(gain, rel=0.05)
-
-
-def test_the_covariance_of_few_strides_has_the_usual_correlation_and_of_many_their_own():
-    root = np.random.default_rng(1).standard_normal((PHASES, PHASES))
-    own, alike = root @ root.T + np.eye(PHASES), np.full((PHASES, PHASES), 0.5) + 0.5 * np.eye(PHASES)
-    usual = alike * np.outer(*[np.sqrt(np.diag(own))] * 2)
-    for strides, expected in ((0, usual), (PHASES, (own + usual) / 2), (10**9, own)):
-        found = walk_model._shrink(own, alike, strides) - walk_model.MIN_UT**2 * np.eye(PHASES)
-        np.testing.assert_allclose(found, expected, atol=1e-5)
 
 
 def test_circular_spread_knows_no_edge():
