@@ -218,3 +218,47 @@ def test_free_velocity_both_ways_from_any_sample_and_of_a_still_sensor_what_tilt
     still = np.tile([0.0, 0.0, GRAVITY_M_S2], (len(t), 1))
     reached = integrate_both_ways(*tilted, still, 0 * still, h, ~no, no)[-1]
     assert np.linalg.norm(reached[:2]) == pytest.approx(GRAVITY_M_S2 * 0.05 * TILT_TIME_S, rel=0.02)
+
+
+def test_gaps_longer_than_a_swing_are_filled_from_the_rough_search():
+    found, rough = (
+        np.array([*np.transpose(pairs), [0.0] * len(pairs)])
+        for pairs in (
+            [(100, 140), (500, 540), (700, 740)],
+            [(10, 20), (130, 160), (300, 310), (560, 570), (900, 1200)],
+        )
+    )
+    start, stop, _ = ff._fill_gaps(np.arange(1200) / 200, found, rough)
+    # filled: the gap of 1.8 s, and the end of 2.3 s; not: the start of 0.5 s, one that overlaps, a swing of 0.8 s
+    np.testing.assert_array_equal(start, [100, 300, 500, 700, 900])
+    np.testing.assert_array_equal(stop, [140, 310, 540, 740, 1200])
+    np.testing.assert_array_equal(ff._fill_gaps(np.arange(1200) / 200, np.empty((3, 0)), rough), rough)
+
+
+@pytest.mark.parametrize(
+    ("pairs", "levels", "rate_rad_s", "kept"),
+    [
+        ([(20, 30), (50, 120)], [5.0, 4.0], 3.0, [1]),  # 0.1 s apart, too close for a swing: the stiller stays
+        ([(20, 30), (50, 120)], [4.0, 5.0], 3.0, [0]),
+        ([(20, 60), (90, 100), (130, 200)], [4.0, 5.0, 4.2], 8.0, [0, 2]),  # a mid-swing goes
+        ([(20, 60), (160, 200)], [4.0, 5.0], 8.0, [0, 1]),  # a swing apart, 0.5 s
+        ([(20, 30), (50, 120)], [5.0, 4.0], 1.0, [0, 1]),  # a fidget: it does not turn as in a swing
+        ([(20, 30), (50, 120)], [2.0, 1.0], 3.0, [0, 1]),  # two rests
+    ],
+)
+def test_which_of_close_stances_stay(pairs, levels, rate_rad_s, kept):
+    n = pairs[-1][1] + 20
+    level, gyr = np.full(n, 6.0), np.zeros((n, 3))
+    gyr[:, 1] = rate_rad_s
+    for (a, b), least in zip(pairs, levels, strict=True):
+        level[a:b], gyr[a:b] = least, 0.0
+    start, stop = np.array(pairs).T
+    assert ff._choose_apart(np.arange(n) / 200, gyr, level, start, stop).tolist() == kept
+
+
+def test_overlapping_intervals_become_one():
+    level = np.array([9, 4, 3, 4, 5, 4, 2, 4, 9, 3, 9.0])
+    for limits, expected in (([4.5, 4.5, 4.0], [(1, 4), (5, 8), (9, 10)]), ([4.5, 5.5, 4.0], [(1, 8), (9, 10)])):
+        found = np.empty((3, 3))
+        start, stop, _ = found[:, : ff._grow_and_merge(level, np.array([2, 6, 9]), np.array(limits), found)]
+        assert list(zip(start, stop, strict=True)) == expected
