@@ -1,4 +1,7 @@
-"""Footfalls on simulated walks of many gaits: the count is exact, and the foot does stand where it is said to."""
+"""Footfalls on simulated walks of many gaits: the count is exact, and the foot does stand where it is said to.
+
+Of a foot that runs, whose gyroscope clips in every swing, there is one a cycle, found by the rhythm.
+"""
 
 from dataclasses import replace
 from itertools import combinations, pairwise
@@ -11,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from fg_nav.detection import detect_stances
 from fg_nav.detection import footfalls as ff
 from fg_nav.detection.footfalls import MANY, integrate_both_ways, start_at_rest
+from fg_nav.detection.stance import STATISTICS
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.lab.simulation.motion import Style
@@ -262,3 +266,45 @@ def test_overlapping_intervals_become_one():
         found = np.empty((3, 3))
         start, stop, _ = found[:, : ff._grow_and_merge(level, np.array([2, 6, 9]), np.array(limits), found)]
         assert list(zip(start, stop, strict=True)) == expected
+
+
+RANGE_RAD_S = 8.9  # Of a sensor of 500 deg/s.
+
+
+@pytest.fixture(scope="module", params=range(2))
+def run(request):
+    foot = straight_walk(style=Style.RUN, strides=30, seed=request.param)
+    gyr = np.clip(foot.recording.gyr, -RANGE_RAD_S, RANGE_RAD_S)
+    return replace(foot, recording=replace(foot.recording, gyr=gyr))
+
+
+def without_cycles(monkeypatch, recording):
+    monkeypatch.setattr(ff, "_fill_cycles", lambda t, acc, level, stances: stances)
+    return detect_stances(recording)
+
+
+def test_a_run_with_a_clipped_gyroscope_has_one_stance_a_cycle_on_the_ground(run, monkeypatch):
+    """A foot in mid-swing moves at 6 m/s."""
+    t, found = run.recording.t, detect_stances(run.recording)
+    assert found.n_footfalls == len(run.swing) + 1
+    assert run.speed[found.stillest(run.recording.gyr)].max() < 0.3
+    assert max(t[found.start[0]] - t[0], t[-1] - t[found.stop[-1] - 1]) < 0.1
+    by_velocity = without_cycles(monkeypatch, run.recording)
+    assert by_velocity.n_footfalls < 0.6 * len(run.swing)  # velocity does not show the others ...
+    pairs, all_pairs = (set(zip(one.start, one.stop, strict=True)) for one in (by_velocity, found))
+    assert pairs < all_pairs  # ... and what it shows stays
+
+
+def test_of_a_foot_that_walks_nothing_is_changed(monkeypatch):
+    recording = straight_walk(style=Style.WALK, strides=12, seed=3).recording
+    with_cycles, without = detect_stances(recording), without_cycles(monkeypatch, recording)
+    np.testing.assert_array_equal(with_cycles.start, without.start)
+    np.testing.assert_array_equal(with_cycles.stop, without.stop)
+
+
+def test_of_a_sprinter_two_cycles_correlate_as_well_as_one_and_one_is_the_period():
+    foot = straight_walk(style=Style.RUN, strides=20, pace=1.5, noise=0.0)
+    r, flat = foot.recording, foot.motion.flat
+    level = np.log10(STATISTICS["shoe"](r.acc, r.gyr, 10))
+    period_s = [ff.measure_period(r.t, level, i) for i in np.searchsorted(r.t, flat[4:-4].mean(axis=1))]
+    np.testing.assert_allclose(period_s, np.median(np.diff(flat[:, 0])), atol=0.03)
