@@ -1,15 +1,17 @@
-"""The names of the package: what they say of themselves, and that what they show there is so."""
+"""The names of the package and the examples: what they say of themselves, and that what they show there is so."""
 
 import doctest
 import importlib.util
 import inspect
 import re
+import runpy
 from collections.abc import Callable
 from functools import cache, wraps
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
@@ -128,3 +130,38 @@ def test_two_feet_are_saved_and_drawn(walk: Recording) -> None:
     assert result.save("both.geojson", origin=(48.0, 11.0)).stat().st_size > 0
     assert result.plot().get_xlabel() == "x (m)"
     assert len(result.to_dataframe(footfalls=True)) == len(result.stances)
+
+
+EXAMPLES = {path.stem: path for path in sorted((Path(__file__).parents[1] / "docs/examples").glob("*.py"))}
+WITH_THE_SITE = ("06_live", "07_pocket", "09_pyshoe")
+"""Half a minute of compiling, a second layer of the online smoother, recordings of others."""
+
+SAID = {
+    "01_first_walk": "verdict: trusted",
+    "02_own_arrays": "left out 1 missing sample, the first in row 4001",
+    "03_own_factor": "tied     sigma",
+    "04_calibrate_magnetometer": "hard iron (uT)",
+    "05_ros_bag": "ros 4000 samples",
+    "08_compare_with_filter": "iez      rmse",
+}
+
+
+@pytest.fixture(scope="module")
+def shared() -> dict[str, object]:
+    """Walks that are simulated, and solved, once for all examples."""
+    return {"simulate": cache(fg_nav.simulate), "navigate": once(fg_nav.navigate)}
+
+
+@pytest.mark.parametrize("name", [name for name in EXAMPLES if name not in WITH_THE_SITE])
+def test_examples_run(
+    name: str, shared: dict[str, object], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if "ros" in name:
+        pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
+    for public, function in shared.items():
+        monkeypatch.setattr(fg_nav, public, function, raising=False)
+    monkeypatch.setitem(mpl.rcParams, "backend", "agg")
+    runpy.run_path(str(EXAMPLES[name]))
+    plt.close("all")
+    assert SAID[name] in capsys.readouterr().out
+    assert len(EXAMPLES[name].read_text(encoding="utf-8").splitlines()) <= 40

@@ -1,10 +1,12 @@
-"""What the names of columns say, one by one and of a whole table."""
+"""What the names of columns and words of units say, one by one and of a whole table."""
 
+import numpy as np
 import pytest
 
-from fg_nav.columns.headers import read_header
+from fg_nav.columns.headers import KNOWN_UNITS, find_factor, find_quantity, read_header
 from fg_nav.columns.mapping import Hints, choose_columns, parse_columns, write_mapping
 from fg_nav.errors import FormatError
+from fg_nav.frames import GRAVITY_M_S2
 
 HINTS = Hints("walk.csv", "fg-nav inspect walk.csv --columns")
 PLAIN = ["t", "ax", "ay", "az", "gx", "gy", "gz"]
@@ -87,23 +89,6 @@ def test_linear_acceleration_next_to_angular_velocity_is_that_of_ros():
     assert columns.time.names == ("field.header.stamp",)
 
 
-@pytest.mark.parametrize(
-    ("names", "words"),
-    [
-        ([*PLAIN, "acc_x", "acc_y", "acc_z"], r"more than one acceleration \('ax', 'ay', 'az'|'acc_x'"),
-        ([*PLAIN, *(f"right_{name}" for name in PLAIN[1:])], r"more than one acceleration.*'right_ax'"),
-        (["t", *(f"lin_acc_{a}" for a in "xyz"), *PLAIN[4:]], "acceleration without gravity .*'lin_acc_x'"),
-        (PLAIN[:6], r"not all three axes of angular rate, only 'gx', 'gy'.*--columns \"gyr=NAME:NAME:NAME"),
-        (PLAIN[:4], r"no column for angular rate among 't', 'ax', 'ay', 'az'.*--columns \"gyr=NAME:NAME:NAME"),
-        (["time", *PLAIN], r"more than one time \('time', 't'\)"),
-    ],
-)  # fmt: skip
-def test_what_names_leave_open_is_asked(names, words):
-    with pytest.raises(FormatError, match=words) as caught:
-        choose_columns(names, HINTS)
-    assert 'fg-nav inspect walk.csv --columns "' in str(caught.value) or "gravity" in str(caught.value)
-
-
 def test_one_of_several_sensors():
     names = ["t", *(f"{foot}_{name}" for foot in ("left", "right") for name in PLAIN[1:])]
     assert choose_columns(names, HINTS, sensor="Right").acc.positions == (7, 8, 9)
@@ -147,3 +132,52 @@ def test_what_is_written_can_be_read():
 def test_mappings_that_fit_no_table(words, problem):
     with pytest.raises(FormatError, match=problem):
         parse_columns(words).find(["a", "b", "c", "d", "d", "f"], "walk.csv")
+
+
+DEGREE = np.pi / 180
+
+
+@pytest.mark.parametrize(
+    ("quantity", "words", "factor"),
+    [
+        ("acc", "m/s^2, m/s², m/s2, m/(s^2), [m/s**2], M/S2, m/s/s, m s^-2, m·s⁻², meters/second^2, m/s�, m/sÂ²", 1.0),
+        ("acc", "g, G, (g)", GRAVITY_M_S2),
+        ("acc", "mg, milli g", 1e-3 * GRAVITY_M_S2),
+        ("acc", "cm/s2, cm/s^2", 1e-2),
+        ("gyr", "rad/s, rad s-1, radians per second, rad/sec, RAD/S, rad.s^-1", 1.0),
+        ("gyr", "deg/s, °/s, º/s, dps, degrees/sec, Â°/s, �/s, deg_s-1", DEGREE),
+        ("gyr", "mdps, mdeg/s", 1e-3 * DEGREE),
+        ("mag", "uT, µT, μT, microtesla, Î¼T, �T, UT", 1.0),
+        ("mag", "nT, nanoTesla", 1e-3),
+        ("mag", "mT", 1e3),
+        ("mag", "T, tesla", 1e6),
+        ("mag", "G, gauss, Gs, Gauss", 100.0),
+        ("mag", "mG, mgauss, milligauss", 0.1),
+        ("time", "s, sec, seconds, (s)", 1.0),
+        ("time", "ms, msec, milliseconds, millis", 1e-3),
+        ("time", "us, µs, μs, usec, micros, microseconds", 1e-6),
+        ("time", "ns, nanos", 1e-9),
+        ("time", "min, minutes", 60.0),
+    ],
+)
+def test_spellings(quantity, words, factor):
+    for word in words.split(", "):
+        assert find_factor(quantity, word) == pytest.approx(factor, rel=1e-15), word
+
+
+def test_units_of_no_size_and_of_another_quantity():
+    assert all(np.isnan(find_factor("mag", word)) for word in ("a.u.", "a.u", "arb. u.", "local_flux"))
+    for quantity, word in (("acc", "deg/s"), ("gyr", "deg"), ("time", ""), ("mag", "furlong")):
+        assert find_factor(quantity, word) is None
+
+
+def test_units_without_a_quantity():
+    assert [find_quantity(word) for word in ("ms", "g", "mg", "G", "mG", "deg/s", "uT", "counts")] == [
+        *("time", "acc", "acc", "mag", "mag", "gyr", "mag"),
+        None,
+    ]
+
+
+def test_the_words_of_messages_are_known():
+    for quantity, words in KNOWN_UNITS.items():
+        assert all(find_factor(quantity, word) for word in words.split(", "))
