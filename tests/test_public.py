@@ -88,7 +88,6 @@ def test_examples_are_true(walk: Recording) -> None:
 
 
 def test_the_page_on_python_is_true(walk: Recording, capsys: pytest.CaptureFixture[str]) -> None:
-    """From a table in ms, g and deg/s to a picture with an own factor, and all else on the page."""
     whole = simulate("demo", 1).recording
     samples = np.column_stack([1e3 * whole.t, whole.acc / GRAVITY_M_S2, np.degrees(whole.gyr)])
     pd.DataFrame(samples, columns=["t", "ax", "ay", "az", "gx", "gy", "gz"]).to_csv("shoe.csv", index=False)

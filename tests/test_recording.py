@@ -140,7 +140,6 @@ def test_stamps_that_all_but_coincide_are_one() -> None:
 
 
 def test_a_recording_that_jumps_where_its_clock_begins_again_is_cut() -> None:
-    """Two recordings in one file: the foot stands in two ways."""
     t, acc, gyr = RAW.t.copy(), RAW.acc.copy(), RAW.gyr.copy()
     t[300:] -= t[300]
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]) @ np.diag([1.0, -1.0, -1.0])

@@ -242,7 +242,6 @@ def test_eq_8_as_printed_mirrors_the_axis_if_the_farthest_reading_has_negative_x
 
 
 def test_eq_9_to_12_are_our_correction():
-    """Corrected readings point where the field does."""
     found = fit_ellipse(read_loop(ROUND))
     c, s = np.cos(found.eta_rad), np.sin(found.eta_rad)
     R = np.array([[c, s], [-s, c]])
@@ -297,7 +296,6 @@ def test_with_the_strength_unknown_the_size_of_c_is_no_parameter():
     ("fit", "strength"), [(fit_ellipsoid, STRENGTH), (fit_ellipsoid, None), (fit_unit_sphere, STRENGTH)]
 )
 def test_errors_are_as_large_as_their_sigmas(fit, strength):
-    """In each direction of the nine parameters; with the strength unknown the size of C is none."""
     errors = []
     for seed in range(60):
         readings, hard, C = sensor(seed)
@@ -330,7 +328,6 @@ def test_wild_readings_do_not_matter_and_are_counted(within, monkeypatch):
 
 
 def test_the_constraint_keeps_to_ellipsoids_where_plain_least_squares_finds_others():
-    """On a cap of 35 degrees with noise: always an ellipsoid, whatever it is worth."""
     for seed in range(30):
         readings, _, _ = sensor(seed, noise_uT=1.0, count=100, within=np.deg2rad(35.0))
         assert np.linalg.eigvalsh(fit_constrained_quadric(readings)[1]).min() > 0.0
@@ -382,7 +379,6 @@ def test_what_is_no_ellipsoid_or_would_calibrate_wrongly_is_refused(fit, what):
 
 @pytest.mark.parametrize("strength", [1.0, STRENGTH])
 def test_exact_readings_come_to_lie_on_the_sphere(strength):
-    """Along an axis of the ellipsoid, of this length, a reading is taken to length 1 on that axis."""
     readings, hard, C = sensor(0, noise_uT=0.0)
     found = fit_unit_sphere(readings, strength)
     assert found.hard_iron_uT == pytest.approx(hard, abs=1e-6)

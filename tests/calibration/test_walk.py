@@ -119,7 +119,6 @@ def test_a_level_circle_in_a_homogeneous_field_shows_all_of_the_iron():
 
 @pytest.mark.parametrize("again", [0, 30], ids=["new places", "the same places four times"])
 def test_errors_are_as_large_as_they_are_said_to_be(again):
-    """Over many walks the error of the hard iron by its own sigma is one."""
     heading = round_walk(120, 8)
     errors = []
     for seed in range(16):
@@ -198,7 +197,6 @@ def test_walks_without_iron_iron_in_one_part_only_and_iron_as_no_shoe_has_it_are
 @pytest.mark.parametrize("reading", [[20.0, 3.0, -40.0], [0.0, 0.0, 0.0]])
 @pytest.mark.parametrize("noise_uT", [0.0, 0.3])
 def test_a_magnetometer_that_does_not_feel_the_field_is_refused(reading, noise_uT):
-    """All of a dead sensor's reading is hard iron, and known to a hair."""
     rng = np.random.default_rng(14)
     field = walked(round_walk(), rng)
     dead = replace(field, reading=np.array(reading) + noise_uT * rng.standard_normal(field.reading.shape))
@@ -211,7 +209,6 @@ def test_a_magnetometer_that_does_not_feel_the_field_is_refused(reading, noise_u
 
 @pytest.mark.parametrize("heading", [round_walk(), np.zeros(120)], ids=["round", "straight"])
 def test_the_iron_of_any_walk_is_found_to_within_its_sigma(heading):
-    """Where a calibration would be refused, too: a straight walk shows little, and says so."""
     errors = []
     for seed in range(12):
         hard = HARD * (seed % 3 > 0)

@@ -46,7 +46,6 @@ def keeps_the_contract(folder: Path, recording: Recording, method: Method) -> bo
 
 
 def test_every_method_on_a_foot_keeps_one_contract(fg_nav: FgNav) -> None:
-    """Also that of one method alone: all files are the same but for the time that it took."""
     methods, truth = METHODS["foot"], ("--truth", truth_of("part"), *NO_PLOTS)
     ran = fg_nav("compare", recorded("part"), "--methods", ", ".join(methods), *truth, "--out", "all")
     assert ran.code == 0, ran.err

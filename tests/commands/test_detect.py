@@ -116,7 +116,6 @@ def test_what_passes_the_gate_is_what_the_graph_has_and_what_all_files_say(
 
 
 def test_table_picture_and_figures(fg_nav):
-    """Of a minute of a sensor on a table; its magnetometer has every second row."""
     scenario = replace(SCENARIOS["at-rest"], route=lambda rng: [Stand(65.0)])
     table = simulate(scenario, 1, Choices(sensor="mpu-9250", rate_hz=200.0))
     write_canonical(table.recording, Path("table.csv"))

@@ -114,7 +114,6 @@ def test_the_steps_show_which_foot_is_which_and_names_are_kept_and_doubted(run: 
 
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_a_foot_that_is_lost_for_a_while(run: Any, walked: Path, side: str) -> None:
-    """Both parts of its recording are used: the other foot goes on between them."""
     recordings = {one: f"{one}.csv" for one in OTHER} | {side: cut(walked, side, 15.0, 30.0)}
     ran = run(*recordings.values(), "--sides", "left,right", "--no-mag", plots="html")
     assert ran.code == 0, ran.err
@@ -137,7 +136,6 @@ def test_a_foot_that_is_lost_for_a_while(run: Any, walked: Path, side: str) -> N
 
 
 def test_both_feet_lost_at_once(run: Any, walked: Path) -> None:
-    """Nothing shows how the person went on, and that is said."""
     assert run(*(cut(walked, side, 15.0, 30.0) for side in OTHER), "--no-mag").code == 0
     said = summary("out")
     assert said["verdict"] == "not to be used"

@@ -115,7 +115,6 @@ def test_a_stalled_source_is_told_and_waited_for(csv):
 
 
 def test_samples_are_corrected_as_those_of_a_recording_and_counted_stamps_have_the_doubt_of_their_rate(csv):
-    """The axes of the magnetometer first, then its calibration."""
     accelerometer = AccelerometerCalibration(1.01, 1e-4, np.array([0.1, 0.0, -0.1]), np.ones(3), 9.81, 6, 60.0, True)
     soft = np.diag([1.1, 0.9, 1.0])
     magnetometer = MagnetometerCalibration("loop", np.array([3.0, -2.0, 1.0]), soft, 0.01 * np.eye(9), 48.0, 1.0, 1000)
@@ -157,7 +156,6 @@ def test_the_state_between_footfalls_is_that_of_the_newest_sample():
 
 
 def test_a_growing_file_is_followed(csv, tmp_path):
-    """It grows by a piece with each line of a footfall, and by all of the rest once most was printed."""
     data, path = csv.read_bytes(), tmp_path / "growing.csv"
     path.write_bytes(data[: len(data) // 3])
     pieces = cut(data[len(data) // 3 :], 5)
@@ -175,7 +173,6 @@ def test_a_growing_file_is_followed(csv, tmp_path):
 
 @pytest.mark.usefixtures("solved_here")
 def test_rows_without_a_header_are_walked_by_their_columns(fg_nav, csv, tmp_path):
-    """And a walk that is resumed has the same."""
     path = tmp_path / "rows.csv"
     path.write_bytes(b"".join(csv.read_bytes().splitlines(keepends=True)[1:]))
     given = ("--heading", 0, "--silence", 0.3)
@@ -191,7 +188,6 @@ def test_rows_without_a_header_are_walked_by_their_columns(fg_nav, csv, tmp_path
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
 def test_a_signal_ends_the_walk_and_not_its_result(fg_nav, csv, tmp_path, monkeypatch, request, number):
-    """The pipe stays open: only the signal ends it, once most of the walk was printed."""
     if number != signal.SIGINT:  # that with its process beside
         request.getfixturevalue("solved_here")
     pipe, printed, ended = tmp_path / "pipe", threading.Semaphore(0), threading.Event()

@@ -69,7 +69,6 @@ class Parts(SampleSource):
 
 @pytest.mark.parametrize("seconds", [(0.1, 0.7), (0.7, 0.1)])
 def test_the_source_of_the_foot_that_is_behind_is_read_first(seconds) -> None:
-    """Whichever sends more at once: neither runs ahead of the other by more than it sends."""
     came, lines = [], []
     sensors = {}
     for side, each in zip(SIDES, seconds, strict=True):
@@ -84,7 +83,6 @@ def test_the_source_of_the_foot_that_is_behind_is_read_first(seconds) -> None:
 
 
 def test_rows_are_merged_by_their_stamps() -> None:
-    """A file gives seconds at once: no foot runs ahead, and nothing is lost or changed."""
     merge, rows = FeetMerge(), np.zeros((500, 11))
     rows[:, 0] = 0.01 * np.arange(500)
     merge.put("left", rows)

@@ -270,7 +270,7 @@ def test_a_stream_with_a_mirror_is_refused_in_its_first_minute_and_its_own_is_no
 
 @pytest.fixture(scope="module")
 def feet():
-    """Rows of a foot and of the thigh of another quiet_walk, 100 Hz."""
+    """Rows of a foot and of the thigh of another walk, 100 Hz."""
     walks = [simulate("demo", seed, Choices(worn=worn, rate_hz=100.0)) for seed, worn in ((104, None), (105, "pocket"))]
     return [rows_of(one.recording)[:3000] for one in walks]
 
@@ -301,7 +301,6 @@ def test_one_sensor_passes_where_it_is_said_to_be_worn_and_nowhere_else(feet):
 @pytest.mark.parametrize("offset", [0.0, 0.0031, 412.7])
 @pytest.mark.parametrize("begin", [0, 1200])
 def test_two_sensors_are_refused(feet, length, offset, begin):
-    """Standing or walking, row by row or in datagrams, with one clock or two."""
     one, other = (rows[begin:].copy() for rows in feet)
     other[:, 0] += offset
     with pytest.raises(StreamError, match=r"^[^\n]*two sensors[^\n]*$"):

@@ -143,7 +143,6 @@ def test_what_contradicts_the_longest_rest_is_none():
 @WALKERS
 @pytest.mark.parametrize("stride_s", [0.7, 1.3, 2.0, 2.4])
 def test_the_stances_of_walking_and_running_are_no_rests(person, mount, stride_s):
-    """Of the same person, whose stance takes longer; the swing hardly does."""
     share = min(person.walk.swing_share, 0.87 / stride_s)
     strolls = replace(person, walk=replace(person.walk, stride_s=stride_s, swing_share=share))
     if stride_s < 2.2:

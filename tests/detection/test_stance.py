@@ -81,7 +81,6 @@ def test_a_threshold_is_a_false_alarm_rate(name, rate):
 
 @EACH
 def test_a_shock_leaves_no_trace_behind(name):
-    """Sliding sums must not carry the rounding of a large value along."""
     acc, gyr = noisy(3000)
     clean = STATISTICS[name](acc, gyr, 10)
     for shock in (2000.0, 1e9):
@@ -144,7 +143,6 @@ def with_turns(recording, rate_rad_s, at_s, lasting_s=0.15):
 
 @EACH
 def test_one_threshold_cuts_the_statistic_at_that_level(name, monkeypatch):
-    """And the window is a time."""
     monkeypatch.setattr(stance_module, "MIN_S", 0.0)
     for rate_hz in (200.0, 800.0):
         recording = straight_walk(strides=3, rate_hz=rate_hz).recording
@@ -316,7 +314,6 @@ def test_a_gap_is_survived(walk, lost_s):
 
 
 def test_the_work_and_the_memory_do_not_grow(walk):
-    """Two minutes and a half on the same twenty strides: the window is as long as ever."""
     stream, turns = CausalStances(), np.arange(7) * (walk.duration_s + 0.005)
     footfalls = [len(stream.push(walk.t + since, walk.acc, walk.gyr)) for since in turns]
     assert max(footfalls[1:]) - min(footfalls[1:]) <= 1

@@ -37,7 +37,6 @@ def magnet(t):
 
 @pytest.mark.parametrize("method", GATED)
 def test_a_right_compass_holds_a_drifting_gyro(method):
-    """Without a magnetometer it says what to take."""
     recording, stances, field, headings = walked(STRAIGHT, **DRIFT)
     own = NO_COURSE if method == "aiez" else find_parameters(method, PHYSICAL)
     drifted = off_deg(run_iez(recording, stances, heading=float(headings[0])), headings)[-1]
@@ -70,7 +69,6 @@ def test_without_a_heading_and_an_accepted_footfall_it_is_the_iez_turned_with_it
 @pytest.mark.parametrize("name", ["qsf-stance", "aiez"])
 @pytest.mark.parametrize("back", ["", RTS])
 def test_the_compass_that_gave_the_start_is_not_used_a_second_time(name, back):
-    """Of one footfall with a field the heading stays as unsure as a start is; of two it is surer."""
     recording, stances, _, _ = walked(replace(STRAIGHT, strides=4))
     sigmas, parameters = [], find_parameters(name, PHYSICAL)
     for known in (1, 2):
@@ -87,7 +85,6 @@ def test_the_compass_that_gave_the_start_is_not_used_a_second_time(name, back):
 
 
 def test_a_compass_accepted_late_turns_the_walk_about_its_start():
-    """The first footfalls' field is 15 deg off and moves too much to be used."""
     wild = lambda t: np.where(t < 2.3, 15.0, 15.0 + 40.0 * (np.floor(t - 0.3) % 2))  # noqa: E731
     recording, stances, field, headings = walked(STRAIGHT, lambda t: np.where(t < 20.3, wild(t), 0.0))
     solution = run_with_compass(recording, stances, field, replace(MA, compass_sigma_deg=3.0))

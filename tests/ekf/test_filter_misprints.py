@@ -91,7 +91,6 @@ def test_tilt_converges_at_every_yaw_and_the_printed_rows_overturn_facing_west()
 
 
 def test_zero_in_a_curve_reduces_the_variance_without_a_measurement():
-    """A curve all the way, in which the heading stays unknown."""
     turns, sigma = np.radians(20.0) * np.arange(31), {}
     for as_printed in (False, True):
         P, x, innovation = np.eye(15), np.zeros(15), np.full(4, np.nan)

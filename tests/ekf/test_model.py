@@ -51,7 +51,6 @@ def transition(turn, push):
 
 @pytest.mark.parametrize("steps", [1, 60])
 def test_transition_is_the_derivative_of_the_motion(steps):
-    """Perturb each component of the truth, move both, and compare what comes out with F."""
     rng, truth = np.random.default_rng(steps), random_state(steps)
     acc, gyr = 10 * rng.standard_normal((steps, 3)), 4 * rng.standard_normal((steps, 3))
     F, moved = np.eye(15), NavState(*(part.copy() for part in truth))

@@ -78,7 +78,6 @@ def test_bad_input_is_named():
 
 
 def test_errors_and_scale_are_those_of_evo():
-    """In space and, of the paths seen from above, by yaw alone; the scale is that of the plane."""
     trajectory = pytest.importorskip("evo.core.trajectory", reason="evo is missing: pip install 'fg-nav[checks]'")
     metrics = pytest.importorskip("evo.core.metrics")
     estimate, t = 0.97 * NOISY @ np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]).T, np.linspace(0.0, 20.0, len(ALIGNED))
@@ -225,7 +224,6 @@ def test_footprints_that_cannot_be_compared_are_errors_in_words():
 
 
 def test_footprints_with_times_are_compared_there_whatever_stances_were_found():
-    """A walk with its whole path, and footprints on it in the middle of each stance, a turn and a shift away."""
     t, when = np.linspace(0.0, 30.0, 3001), np.arange(30) + 0.3
     path = np.column_stack([*(np.interp(t, when, column) for column in STEPS.T), np.zeros(len(t))])
     found = solution(t, path, np.array([0, 400, 900]))

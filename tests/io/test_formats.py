@@ -30,7 +30,6 @@ def test_lines_are_counted_past_blank_ones_and_a_byte_order_mark(tmp_path: Path)
 
 
 def test_what_is_not_valid_or_not_there_is_no_sample(tmp_path: Path) -> None:
-    """An estimate that is flagged, and a number that is missing: the others of the row stay."""
     for kind, found, instead in (
         ("estimated", r"(?m)^(0\.245,[^,]*),1.0", r"\1,0"),
         ("sensorconnect", r"(?m)^0\.245,[^,]*", "0.245,"),

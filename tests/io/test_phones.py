@@ -54,7 +54,6 @@ def test_one_file_of_several_or_two_of_a_sensor_are_refused(tmp_path: Path) -> N
 
 
 def test_sensor_logger_finds_the_sign_without_metadata_and_takes_calibrated_samples_first(tmp_path: Path) -> None:
-    """By the uncalibrated accelerometer, or by what an Android phone records."""
     files = dict(sensor_logger(RAW, "ios"))
     del files["Metadata.csv"]
     files["AccelerometerUncalibrated.csv"] = sensor_logger(RAW, "raw")["AccelerometerUncalibrated.csv"]
@@ -96,7 +95,6 @@ def test_sensorlog_takes_what_is_there(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("app", [phyphox, sensor_logger])
 def test_a_sensor_that_the_phone_does_not_have(app, tmp_path: Path) -> None:
-    """Apps write a header alone, an empty file, or one sample."""
     files = app(RAW)
     lines = files["Magnetometer.csv"].splitlines(keepends=True)
     for k, text in enumerate(("", lines[0], "".join(lines[:2]))):

@@ -158,7 +158,6 @@ def _turned(recording: Recording, stances: Stances) -> np.ndarray:
 
 
 def test_broad_truth_is_the_attitude_of_the_sensor() -> None:
-    """At rest the true attitude takes specific force to up; and it turns as the gyroscope says."""
     for path in sorted((DATA / "broad").glob("*.mat"))[::3]:
         recording = read(path)
         truth = recording.truth

@@ -135,7 +135,6 @@ def test_counters_and_no_clock_at_all(tmp_path: Path) -> None:
 
 
 def test_a_counter_that_begins_again_keeps_what_was_lost(tmp_path: Path) -> None:
-    """By the number of the row, the time after a lost packet would be wrong."""
     kept = np.delete(np.arange(len(RAW.t)), 450)
     for bits in (8, 16):
         columns = [(kept + 2**bits - 50) % 2**bits, *(column[kept] for column in IN_UNITS[1:])]

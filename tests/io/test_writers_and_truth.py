@@ -15,7 +15,6 @@ from tests.io.samples import RAW, write_pyshoe
 
 
 def test_canonical_goes_round_to_the_last_bit(tmp_path: Path) -> None:
-    """Numbers of any bits, and those at the ends of their range."""
     bits = np.random.default_rng(1).integers(0, 2**64, (400, 10), dtype=np.uint64).view(np.float64)
     bits[:7, 0] = [0.0, -0.0, 5e-324, np.finfo(float).max, -np.inf, np.inf, 0.1 + 0.2]
     table = bits[~np.isnan(bits).any(axis=1)]

@@ -108,7 +108,6 @@ def test_an_early_magnetometer_is_found_and_without_a_delay_nothing_is_changed()
 
 
 def test_the_sigma_is_true():
-    """Eight walks in the field of buildings: error over sigma is about one."""
     lags = [0.0, 0.004, 0.012, 0.02] * 2
     error = []
     for seed, lag_s in enumerate(lags):
@@ -148,7 +147,6 @@ def test_before_the_first_and_after_the_last_reading_and_in_a_gap_nothing_is_inv
 
 
 def test_the_field_is_turned_to_the_stamp_exactly_in_a_homogeneous_field():
-    """A sensor that turns at a constant rate, with a reading every tenth of a radian."""
     t = np.arange(200) / 100.0
     rate = np.array([3.0, -8.0, 5.0])
     attitude = rotation_exp(np.outer(t, rate))

@@ -92,7 +92,6 @@ BOTH = Detector("both", (Channel("strength", 0.3), Channel("strength rate", 0.5)
     ("detector", "freedom"), [(DETECTORS["qsf"], 3), (DETECTORS["ma2018"], 9), (DETECTORS["iqsf"], 12), (BOTH, 6)]
 )
 def test_a_still_field_with_white_readings_gives_a_chi_squared_statistic(detector, freedom):
-    """Of values that change and of zeros, and of both together."""
     assert detector.degrees_of_freedom == freedom
     statistic = detector.compute_statistic(rng(4).standard_normal((20_000, len(detector.channels), detector.rows)))
     assert kstest(statistic, "chi2", args=(freedom,)).pvalue > 1e-3
@@ -101,7 +100,6 @@ def test_a_still_field_with_white_readings_gives_a_chi_squared_statistic(detecto
 
 
 def test_from_readings_to_verdicts_the_statistic_is_chi_squared():
-    """White headings and strengths, whole windows apart: as many pass a low threshold as should."""
     n, sigma = 6000, np.deg2rad(1.0)
     turn, strength = sigma * rng(5).standard_normal(n), 1.0 + 0.3 / 48 * rng(6).standard_normal(n)
     detector = Detector("two", (Channel("heading difference", sigma), Channel("strength", 0.3)), fixed_threshold=6.0)
@@ -180,7 +178,6 @@ def test_footfalls_without_a_field_are_passed_over():
 
 
 def test_places_far_apart_are_not_compared():
-    """A magnetometer that falls silent for some strides: the window starts again, the reason gives its strides."""
     holed = still(40)
     holed[10:13], holed[20:24] = np.nan, np.nan
     verdicts = judge_field(footfalls(holed), "qsf")
@@ -229,7 +226,6 @@ def test_names_and_numbers_that_cannot_be():
 
 
 def test_a_magnet_passes_the_rates_and_not_the_offset():
-    """Beside a magnet the foot stands in a wrong field that does not change: the offset alone shows it."""
     beside = (np.arange(30) >= 10) & (np.arange(30) < 20)
     walk = footfalls(turned(np.deg2rad(25) * beside))
     assert judge_field(walk, "qsf-stance").quasi_static.all()
@@ -284,7 +280,6 @@ def test_below_one_the_field_passes_and_where_there_is_none_it_does_not():
 
 @pytest.mark.parametrize("gate", GATES)
 def test_a_verdict_needs_the_latest_footfalls_only(gate):
-    """A walk in progress judges each footfall by these; in batch it is the same verdict."""
     rng, field = np.random.default_rng(0), footfalls(still(40), rate=np.arange(40) % 3)
     changes = np.where(rng.uniform(size=(40, 1)) < 0.3, 20.0, 0.1) * rng.standard_normal((40, 3))
     field = replace(field, body_field=np.where((np.arange(40) % 11 == 5)[:, None], np.nan, field.body_field + changes))
@@ -374,7 +369,6 @@ def test_the_window_is_as_long_as_said_and_no_sample_is_judged_by_later_ones():
 
 @pytest.mark.parametrize("rate_hz", [20.0, 100.0])
 def test_as_many_still_fields_and_least_changes_pass_as_are_said_to(rate_hz):
-    """Windows that lie apart, of white readings; the change goes evenly through each."""
     count = round(WINDOW_S * rate_hz)
     n = 2000 * count
     still = recording(strength(n), rate_hz, SIGMA_UT)

@@ -84,7 +84,6 @@ def test_the_page_is_small_a_hostile_name_is_text_and_the_path_that_of_the_solut
 
 
 def test_an_alignment_takes_the_common_turn_out_of_the_ellipses(walk: Walk) -> None:
-    """A covariance that is nothing but a turn about the start is gone; without a truth it stays."""
     outcome = walks.outcome(walk)
     table, turn = outcome.solution.stances, np.deg2rad(5.0)
     moved = table.position - table.position[0]

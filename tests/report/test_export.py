@@ -272,7 +272,6 @@ def test_a_ros_bag_returns_odometry_and_path(track: ExportTrack, tmp_path: Path)
 
 
 def test_of_an_odd_track_all_is_written_that_is_known(solution: Solution, tmp_path: Path) -> None:
-    """A name of any letters; sigmas that are not claimed; stamps since 1970 are absolute unless a start is given."""
     odd = ExportTrack.of(solution, "B\u00fcro \u8d70 <&>\x01\udce4")
     odd = replace(odd, footfalls=odd.footfalls.assign(sigma_x_m=np.nan, cov_xy_m2=np.nan))
     for ending in (".geojson", ".kml", ".gpx"):

@@ -131,7 +131,6 @@ def test_a_source_that_goes_on_some_way_back_or_at_once_loses_nothing(saved, bac
 
 
 def test_a_source_that_goes_on_later_leaves_a_gap_and_no_more():
-    """Before a restart of the clock, and after it."""
     rows = restarting(600)
     for saved in (400, 800):
         taken, judge, overlap = resumed(rows, saved, rows[saved + 40 :])
@@ -142,7 +141,6 @@ def test_a_source_that_goes_on_later_leaves_a_gap_and_no_more():
 
 
 def test_a_sensor_switched_off_and_on_is_carried_on_after_a_gap():
-    """Its stamps begin again at 0; the rows that show it are left out."""
     rows = restarting(740)
     taken, judge, _ = resumed(rows, 700, rows[740:])
     assert judge.counts["rebooted"] == 1
@@ -155,7 +153,6 @@ def test_a_sensor_switched_off_and_on_is_carried_on_after_a_gap():
 
 
 def test_a_foot_that_stands_before_and_after_does_not_hide_that_the_sensor_was_off():
-    """Force and rate go on as before, and how long it was off is unknown all the same."""
     rng = np.random.default_rng(3)
     rows = np.column_stack([0.01 * np.arange(800), np.tile([0.0, 0.0, 9.8], (800, 1)), np.zeros((800, 7))])
     rows[:, 1:7] += 0.01 * rng.normal(size=(800, 6))
@@ -168,7 +165,6 @@ def test_a_foot_that_stands_before_and_after_does_not_hide_that_the_sensor_was_o
 
 
 def test_where_the_last_rows_were_lost_the_walk_goes_on():
-    """Of a replay, far from its end and shortly before it."""
     for lost, until in ((np.s_[690:720], None), (np.s_[690:710], 780)):
         rows = rows_of(short_walk())[:until]
         taken, _, overlap = resumed(rows, 700, np.delete(rows, lost, axis=0))
@@ -177,7 +173,6 @@ def test_where_the_last_rows_were_lost_the_walk_goes_on():
 
 
 def test_a_clock_that_restarted_behind_lost_rows_loses_no_more_than_those_that_show_it():
-    """For how long it was off nobody can know, as the foot moved."""
     rows = restarting(710)
     for block in (1, 40, 5000):
         taken, judge, overlap = resumed(rows, 700, np.delete(rows, np.s_[690:710], axis=0), block)

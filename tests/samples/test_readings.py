@@ -173,7 +173,6 @@ def test_rounded_peaks_and_random_motion_are_not_flagged() -> None:
 
 @pytest.mark.parametrize(("mixing", "noise"), [*product((0.0, 0.01), (0.0, 5e-3))])
 def test_cut_peaks_are_flagged(mixing: float, noise: float) -> None:
-    """A clipped axis, seen through a calibration that mixes the others in."""
     rng = np.random.default_rng(3)
     motion = _motion(rng)
     limit = np.quantile(np.abs(motion[:, 1]), 0.99)
@@ -275,7 +274,6 @@ def test_rest_is_found_in_any_unit() -> None:
 
 
 def test_nonsense_is_borne() -> None:
-    """Also stamps beyond all bounds among ones that stand still."""
     raw = tilting(np.random.default_rng(4))
     for stamps in ((1e308,), (1e308, -1e308), (1e99, -1e99, np.inf)):
         t = np.full(len(raw.t), -1.0)
@@ -295,7 +293,6 @@ def test_nonsense_is_borne() -> None:
 
 @needs_data
 def test_removed_gravity_of_a_real_walk() -> None:
-    """Take gravity out with the sensor's own attitude, as its linear acceleration does."""
     for path in sorted((DATA / "gdin").glob("*/SensorConnectData_[23]*.csv")):
         table = pd.read_csv(path)
         roll, pitch = (table.filter(like=name).to_numpy()[:, 0] for name in (":roll", ":pitch"))

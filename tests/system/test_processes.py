@@ -45,7 +45,6 @@ def test_ctrl_c_of_a_terminal_does_not_reach_the_worker():
 
 @pytest.mark.parametrize("how", ["SIGSTOP", "SIGKILL", "SIGINT"])
 def test_no_process_is_left(tmp_path, how):
-    """An interpreter that ends does not wait for one that is stopped; one that is killed or interrupted leaves none."""
     script = tmp_path / "script.py"
     script.write_text(LEFT_RUNNING)
     done = subprocess.run([sys.executable, script, how], capture_output=True, text=True, timeout=60.0, check=False)

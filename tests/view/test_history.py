@@ -85,7 +85,6 @@ def test_the_path_of_the_end_replaces_that_of_the_moment(kind):
 
 
 def test_a_long_walk_stays_bounded_and_near_its_path():
-    """Ten hours round a square of 50 m: corners stay, and no row is far from a side."""
     history, side, step, line = History(), 50.0, 1.3, json.loads(now(0, 0.0, 0.0))
     for k in range(25_000):
         piece, along = divmod(k * step, side)
