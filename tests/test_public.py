@@ -105,6 +105,12 @@ def test_the_page_on_python_is_true(walk: Recording, capsys: pytest.CaptureFixtu
     assert "(6, 6)" in capsys.readouterr().out
 
 
+def test_the_example_of_the_readme_runs(walk: Recording, capsys: pytest.CaptureFixture[str]) -> None:
+    (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    exec(code, {})
+    assert "strides_detected" in capsys.readouterr().out
+
+
 def test_a_solution_alone_is_saved_and_drawn(walk: Recording) -> None:
     solution = fg_nav.run_iez(walk, fg_nav.detect_stances(walk))
     assert {"trajectory.tum", "strides.csv", "summary.json"} <= {file.name for file in solution.save("mine").iterdir()}

@@ -59,39 +59,25 @@ def test_a_table_of_plain_letters():
     assert write_mapping(columns, acc="g", gyr="deg/s", time="ms") == "time=t[ms],acc=ax:ay:az[g],gyr=gx:gy:gz[deg/s]"
 
 
-def test_a_clock_by_its_name_is_preferred_to_one_by_its_unit_alone():
-    for names in (["exposure (ms)", "sampled (s)", *PLAIN], [*PLAIN, "exposure (ms)", "sampled (s)"]):
-        assert choose_columns(names, HINTS).time.names == ("t",)
-
-
-def test_any_order_numbered_axes_and_one_unit_of_all():
-    names = ["gyr2 (deg/s)", "gyr0 (deg/s)", "gyr1 (deg/s)", "acc 3", "acc 2", "acc 1", "mag x [uT]", "sample"]
-    columns = choose_columns(names, HINTS)
-    assert columns.gyr.positions == (1, 2, 0)
-    assert columns.gyr.unit == "deg/s"
-    assert columns.acc.positions == (5, 4, 3)
-    assert columns.mag is None
-    assert columns.counter is not None
-
-
-def test_calibrated_before_raw_and_gravity_before_none():
-    names = [*PLAIN, *(f"{what}_{a}" for what in ("lin_acc", "mag", "mag_raw") for a in "xyz")]
-    columns = choose_columns(names, HINTS)
-    assert columns.acc.names == ("ax", "ay", "az")
-    assert columns.mag.names == ("mag_x", "mag_y", "mag_z")
-
-
-def test_linear_acceleration_next_to_angular_velocity_is_that_of_ros():
-    names = ["field.header.stamp", "%time"]
-    names += [f"field.{what}.{axis}" for what in ("linear_acceleration", "angular_velocity") for axis in "xyz"]
-    columns = choose_columns(names, HINTS)
-    assert columns.acc.names[0] == "field.linear_acceleration.x"
-    assert columns.time.names == ("field.header.stamp",)
-
-
-def test_one_of_several_sensors():
-    names = ["t", *(f"{foot}_{name}" for foot in ("left", "right") for name in PLAIN[1:])]
-    assert choose_columns(names, HINTS, sensor="Right").acc.positions == (7, 8, 9)
+def test_the_better_of_two_is_taken_in_any_order() -> None:
+    """A clock by its name before one by its unit, calibrated before raw, gravity before none; unless ROS says so."""
+    spare = [f"{what}_{a}" for what in ("lin_acc", "mag", "mag_raw") for a in "xyz"]
+    ros = [f"field.{what}.{axis}" for what in ("linear_acceleration", "angular_velocity") for axis in "xyz"]
+    numbered = ["gyr2 (deg/s)", "gyr0 (deg/s)", "gyr1 (deg/s)", "acc 3", "acc 2", "acc 1", "mag x [uT]", "sample"]
+    feet = ["t", *(f"{foot}_{name}" for foot in ("left", "right") for name in PLAIN[1:])]
+    for names, sensor, time, acc, gyr, mag in (
+        (["exposure (ms)", "sampled (s)", *PLAIN], None, (2,), (3, 4, 5), (6, 7, 8), None),
+        ([*PLAIN, "exposure (ms)", "sampled (s)"], None, (0,), (1, 2, 3), (4, 5, 6), None),
+        (numbered, None, None, (5, 4, 3), (1, 2, 0), None),
+        ([*PLAIN, *spare], None, (0,), (1, 2, 3), (4, 5, 6), (10, 11, 12)),
+        (["field.header.stamp", "%time", *ros], None, (0,), (2, 3, 4), (5, 6, 7), None),
+        (feet, "Right", (0,), (7, 8, 9), (10, 11, 12), None),
+    ):
+        columns = choose_columns(names, HINTS, sensor=sensor)
+        found = (columns.time, columns.acc, columns.gyr, columns.mag)
+        assert [channel and channel.positions for channel in found] == [time, acc, gyr, mag], names
+    assert choose_columns(numbered, HINTS).gyr.unit == "deg/s"
+    assert choose_columns(numbered, HINTS).counter is not None
 
 
 def test_a_mapping_finds_names_in_any_case_and_without_their_unit():

@@ -14,7 +14,6 @@ from fg_nav.ekf.covariance import SIZE, VELOCITY, compute_densities, propagate_c
 from fg_nav.ekf.measurements import make_pseudo_measurements
 from fg_nav.ekf.update import INNOVATION, ROW, VARIANCE
 from fg_nav.errors import EstimationError
-from fg_nav.estimators import estimate
 from fg_nav.evaluation import align, evaluate, fit_scale
 from fg_nav.frames import compute_heading, yaw_rotation
 from fg_nav.io import read
@@ -23,8 +22,6 @@ from fg_nav.lab.pyshoe import read_pyshoe_labels
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.recording import Recording
 from fg_nav.truth import TrajectoryTruth
-from fg_nav.walk import Options
-from fg_nav.walk import Walk as PreparedWalk
 from tests.ekf.motion import Walk
 from tests.real_data import DATA, needs_data
 
@@ -320,13 +317,3 @@ def test_what_comes_before_the_first_stance_hangs_on_the_smoothed_start():
     moved = np.diff(smoothed.position[about], axis=0) / 0.01
     assert np.abs(moved - smoothed.velocity[about][:-1]).max() < 0.1
     assert np.isfinite(smoothed.position).all()
-
-
-def test_the_solution_of_a_smoother_bears_its_name_and_says_so_in_its_parameters():
-    recording, stances, _ = noisy(10)
-    given = PreparedWalk(recording, stances, options=Options(preset="physical"))
-    found = {name: estimate(given, name) for name in ("iez", "iez-rts")}
-    assert found["iez-rts"].method == "iez-rts"
-    assert [solution.parameters["smoothed"] for solution in found.values()] == [False, True]
-    assert found["iez"].notes == found["iez-rts"].notes
-    assert (found["iez-rts"].stances.heading_sigma <= found["iez"].stances.heading_sigma).all()

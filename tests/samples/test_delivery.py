@@ -1,7 +1,5 @@
 """A stream as it comes: samples lost, sent again, in another unit; and stamps that are made even."""
 
-from collections import Counter
-
 import numpy as np
 import pytest
 
@@ -191,17 +189,6 @@ def test_what_was_lost_before_and_comes_now_is_too_late(block, until):
     np.testing.assert_array_equal(taken, known[: max(800, until - 200)])
     assert overlap.left_out == min(until, 1000)
     assert judge.counts["restart"] == 1
-
-
-def test_blocks_do_not_matter_to_whether_a_clock_restarted():
-    """Another sensor, say, whose stamps pass the last one after 40 rows: those before are left out."""
-    rows = rows_of(short_walk())
-    other = rows[660:1000].copy()
-    other[:, 1] += 1e-3
-    for block in (1, 16, 17, 200):
-        taken, judge, _ = resumed(rows, 700, other, block)
-        assert judge.counts == Counter(backward=39, repeated=1)
-        np.testing.assert_array_equal(taken[700:, 1:COLUMNS], other[40:, 1:])
 
 
 def test_samples_that_are_missing_are_counted_once_though_they_come_again():

@@ -18,8 +18,6 @@ from fg_nav.samples.plausibility import (
     find_lasting_problems,
     find_unit_problems,
     measure_field_strength,
-    measure_gravity_transport,
-    measure_rest_acc,
 )
 from fg_nav.samples.readings import (
     ACC_OUT,
@@ -240,21 +238,6 @@ def _tumbling(rng: np.random.Generator, swing_rad: float = 0.7) -> tuple[np.ndar
     return acc, gyr
 
 
-def test_gravity_turns_as_the_gyroscope_says_in_any_right_handed_axes() -> None:
-    acc, gyr = _tumbling(np.random.default_rng(1))
-    transport = measure_gravity_transport(acc, gyr, PERIOD_S)
-    assert transport.gain == pytest.approx(1.0, abs=0.02)
-    assert transport.correlation > 0.99
-    assert measure_gravity_transport(acc, np.rad2deg(gyr), PERIOD_S).gain == pytest.approx(np.pi / 180, rel=0.02)
-    mirror = np.array([1.0, 1.0, -1.0])
-    for turned in Rotation.random(3, rng=np.random.default_rng(0)):
-        acc, gyr = turned.apply(acc), turned.apply(gyr)
-        found = measure_gravity_transport(acc, gyr, PERIOD_S)
-        assert found.gain == pytest.approx(transport.gain)
-        assert not found.is_mirrored
-        assert measure_gravity_transport(acc * mirror, gyr * mirror, PERIOD_S).is_mirrored
-
-
 def test_slow_turning_in_degrees_is_recognised_by_gravity_alone() -> None:
     """Too slow for a threshold on the rate: 30 deg/s taken for 30 rad/s."""
     acc, gyr = _tumbling(np.random.default_rng(2), swing_rad=0.2)
@@ -263,14 +246,6 @@ def test_slow_turning_in_degrees_is_recognised_by_gravity_alone() -> None:
     problems = find_unit_problems(PERIOD_S * np.arange(len(acc)), acc, gyr_deg_s, None)
     assert len(problems) == 1
     assert "deg/s" in problems[0]
-
-
-def test_rest_is_found_in_any_unit() -> None:
-    acc = np.random.default_rng(3).normal(size=(4000, 3)) * 5 + [0, 0, GRAVITY_M_S2]
-    acc[1000:1400] = [0.0, 0.6 * GRAVITY_M_S2, -0.8 * GRAVITY_M_S2]
-    for unit in (1.0, 1 / GRAVITY_M_S2, 1000.0):
-        assert measure_rest_acc(acc * unit, PERIOD_S) == pytest.approx(GRAVITY_M_S2 * unit)
-    assert np.isnan(measure_rest_acc(acc[:5], PERIOD_S))
 
 
 def test_nonsense_is_borne() -> None:
