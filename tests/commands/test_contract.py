@@ -47,8 +47,7 @@ def keeps_the_contract(folder: Path, recording: Recording, method: Method) -> bo
 
 def test_every_method_on_a_foot_keeps_one_contract(fg_nav: FgNav) -> None:
     methods, truth = METHODS["foot"], ("--truth", truth_of("part"), *NO_PLOTS)
-    ran = fg_nav("compare", recorded("part"), "--methods", ", ".join(methods), *truth, "--out", "all")
-    assert ran.code == 0, ran.err
+    fg_nav("compare", recorded("part"), "--methods", ", ".join(methods), *truth, "--out", "all").succeeded()
     table = pd.read_csv("all/comparison.csv").set_index("method")
     assert list(table.index) == list(methods)
     for name, method in methods.items():
@@ -56,7 +55,7 @@ def test_every_method_on_a_foot_keeps_one_contract(fg_nav: FgNav) -> None:
         assert table["rmse_2d_m"][name] == pytest.approx(summary(Path("all", name))["rmse_2d_m"])
     assert len({json.dumps(config(Path("all", one))["detector"]) for one in methods}) == 1  # on the same stances
     for name in ("smoother", "online", "iez-rts"):
-        assert fg_nav("run", recorded("part"), "--method", name, *truth, "--out", name).code == 0
+        fg_nav("run", recorded("part"), "--method", name, *truth, "--out", name).succeeded()
         for file in ("trajectory.tum", "strides.csv"):
             assert Path(name, file).read_text() == Path("all", name, file).read_text()
 
@@ -64,8 +63,7 @@ def test_every_method_on_a_foot_keeps_one_contract(fg_nav: FgNav) -> None:
 @pytest.mark.parametrize("method", METHODS["pocket"].values(), ids=lambda method: method.name)
 def test_every_method_in_a_pocket_keeps_it_too(fg_nav: FgNav, method: Method) -> None:
     words = ("--mount", "pocket", "--method", method.name, "--truth", truth_of("pocket"), *NO_PLOTS)
-    ran = fg_nav("run", recorded("pocket"), *words, "--out", "out")
-    assert ran.code == 0, ran.err
+    fg_nav("run", recorded("pocket"), *words, "--out", "out").succeeded()
     assert keeps_the_contract(Path("out"), recording("pocket"), method)
 
 
@@ -81,9 +79,9 @@ def measure_gap(folder: str) -> None:
 
 def test_stream_and_run_write_the_same_and_polished_what_the_batch_has(fg_nav: FgNav) -> None:
     words, online = (recorded("short"), "--heading", 0), ("--method", "online", *NO_PLOTS)
-    assert fg_nav("run", *words, *online, "--polish", "--out", "run").code == 0
-    assert fg_nav("stream", *words, "--speed", "max", "--polish", "--out", "stream").code == 0
-    assert fg_nav("run", *words, *NO_PLOTS, "--out", "batch").code == 0
+    fg_nav("run", *words, *online, "--polish", "--out", "run").succeeded()
+    fg_nav("stream", *words, "--speed", "max", "--polish", "--out", "stream").succeeded()
+    fg_nav("run", *words, *NO_PLOTS, "--out", "batch").succeeded()
     for place in ("run", "stream"):
         assert names(Path(place)) >= {"online.csv", "strides.csv"} | POLISHED
         path = strides(place)
@@ -95,8 +93,7 @@ def test_stream_and_run_write_the_same_and_polished_what_the_batch_has(fg_nav: F
 
 def test_a_stream_in_a_pocket_prints_and_writes_what_a_run_does(fg_nav: FgNav) -> None:
     words = (recorded("pocket"), "--mount", "pocket", "--step-constant", 0.8, "--polish")
-    ran = fg_nav("stream", *words, "--speed", "max")
-    assert ran.code == 0, ran.err
+    ran = fg_nav("stream", *words, "--speed", "max").succeeded()
     told = [json.loads(line) for line in ran.out.splitlines()]
     rows = {kind: [one for one in told if one["kind"] == kind] for kind in ("now", "smoothed", "polished")}
     assert len(rows["now"]) == len(rows["smoothed"]) > 10
@@ -105,8 +102,8 @@ def test_a_stream_in_a_pocket_prints_and_writes_what_a_run_does(fg_nav: FgNav) -
         assert one[0].keys() <= rows["now"][0].keys()
     now, smoothed = rows["now"][-1], rows["smoothed"][-1]
     assert now["heading_deg"] == pytest.approx(smoothed["heading_deg"], abs=2.0)
-    assert fg_nav("stream", *words, "--speed", "max", "--out", "stream").code == 0
-    assert fg_nav("run", *words, "--method", "online", "--out", "run").code == 0
+    fg_nav("stream", *words, "--speed", "max", "--out", "stream").succeeded()
+    fg_nav("run", *words, "--method", "online", "--out", "run").succeeded()
     ends = [np.loadtxt(f"{folder}/trajectory.tum")[-1, 1:4] for folder in ("stream", "run")]
     assert np.linalg.norm(ends[0] - ends[1]) < 0.3  # a recording's magnetometer is aligned before
     assert Path("stream/online.csv").exists()
@@ -156,11 +153,11 @@ def test_what_is_written_is_read_back_to_the_last_bit(fg_nav: FgNav, ending: str
     assert "300 samples of format sensorconnect, with the magnetometer" in ran.out
     assert is_equal(read_raw(out), read_raw(tmp_path / "walk.csv"))
     before = out.read_bytes()
-    assert fg_nav("convert", out, tmp_path / "again.csv").code == 0
+    fg_nav("convert", out, tmp_path / "again.csv").succeeded()
     assert is_equal(read_raw(tmp_path / "again.csv"), read_raw(out))
     assert fg_nav("convert", tmp_path / "walk.csv", out).refused("already exists", "--force")
     assert out.read_bytes() == before
-    assert fg_nav("convert", tmp_path / "walk.csv", out, "--force").code == 0
+    fg_nav("convert", tmp_path / "walk.csv", out, "--force").succeeded()
     assert out.read_bytes() == before
     (tmp_path / f"folder{ending}").mkdir()
     assert fg_nav("convert", out, tmp_path / f"folder{ending}").refused("is a folder")
@@ -185,5 +182,5 @@ def test_columns_and_rate_for_a_file_without_a_header(fg_nav: FgNav, tmp_path) -
     said = json.loads(fg_nav("inspect", tmp_path / "walk.txt", *columns, "--rate", 100, "--json").out)
     assert said["usable"]
     assert said["stamps"]["rate_hz"] == pytest.approx(100.0)
-    assert fg_nav("convert", tmp_path / "walk.txt", "out.csv", *columns, "--rate", 100).code == 0
+    fg_nav("convert", tmp_path / "walk.txt", "out.csv", *columns, "--rate", 100).succeeded()
     np.testing.assert_allclose(read_raw("out.csv").gyr, RAW.gyr, atol=1e-9)

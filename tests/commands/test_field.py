@@ -36,7 +36,7 @@ def loop_calibration(fg_nav: FgNav) -> Path:
     """That of the loop, made once."""
     path = recorded("loop").with_name("cal.json")
     if not path.exists():
-        assert fg_nav("calibrate", recorded("loop"), "--out", path).code == 0
+        fg_nav("calibrate", recorded("loop"), "--out", path).succeeded()
     return path
 
 
@@ -57,8 +57,9 @@ def test_a_calibration_from_a_loop_brings_the_compass_to_the_gyroscope(
     assert ("as given" in ran.out) == bool(arguments)
     assert "acc scale" not in ran.out  # a loop cannot tell it from a bias
     assert read_calibration(Path("deep/cal.json")).recording == "loop.csv"
-    ran = fg_nav("detect", recorded("loop"), "--gate", "qsf", "--out", "cal", "--calibration", "deep/cal.json")
-    assert ran.code == 0, ran.err
+    ran = fg_nav(
+        "detect", recorded("loop"), "--gate", "qsf", "--out", "cal", "--calibration", "deep/cal.json"
+    ).succeeded()
     walk = prepare_walk(read_walk(recorded("loop")))
     assert walk.sensed is not None  # without a file the walk corrects itself
     raw = average_footfall_field(walk.sensed, walk.stances).heading_difference
@@ -71,8 +72,7 @@ def test_a_calibration_from_a_loop_brings_the_compass_to_the_gyroscope(
 @pytest.mark.parametrize("method", ["ellipsoid", "sphere"])
 def test_a_sensor_turned_over_is_calibrated_and_a_known_strength_gives_the_scale(fg_nav: FgNav, method: str) -> None:
     chosen = () if method == "ellipsoid" else ("--method", method)
-    ran = fg_nav("calibrate", recorded("tumbled"), "--out", "plain.json", *chosen)
-    assert ran.code == 0, ran.err
+    ran = fg_nav("calibrate", recorded("tumbled"), "--out", "plain.json", *chosen).succeeded()
     assert "turned over in all directions" in ran.out or chosen
     found, strength = read_calibration(Path("plain.json")).magnetometer, float(np.linalg.norm(EARTH))
     assert np.abs((found.hard_iron_uT - HARD_IRON) / found.sigma[:3]).max() < 5
@@ -90,24 +90,23 @@ def test_a_sensor_turned_over_is_calibrated_and_a_known_strength_gives_the_scale
 
 def test_run_and_compare_tell_what_was_corrected(fg_nav: FgNav, loop_calibration: Path) -> None:
     told = (*IEZ, "html", "--calibration", loop_calibration)
-    ran = fg_nav("run", recorded("loop"), *told, "--out", "out")
-    assert ran.code == 0, ran.err
+    fg_nav("run", recorded("loop"), *told, "--out", "out").succeeded()
     assert "corrected by the calibration: magnetometer (walk)" in Path("out/report.html").read_text()
     said, known = config("out")["calibration"], read_calibration(loop_calibration).magnetometer
     assert (said["file"], said["made_from"]) == (str(loop_calibration), "loop.csv")
     assert said["corrected"] == ["magnetometer (walk)"]
     assert said["hard_iron_uT"] == known.hard_iron_uT.tolist()
     assert said["correction"] == known.correction.tolist()
-    assert fg_nav("run", recorded("loop"), *IEZ, "html", "--out", "plain").code == 0
+    fg_nav("run", recorded("loop"), *IEZ, "html", "--out", "plain").succeeded()
     assert "corrected by the calibration" not in Path("plain/report.html").read_text()
     assert config("plain")["calibration"] is None
     bias, plain_bias = (strides(out).filter(like="gyro_bias") for out in ("out", "plain"))
     pd.testing.assert_frame_equal(bias, plain_bias)  # of a calibration the gyroscope's bias is not taken off
     both = ("--methods", "iez", "--plots", "none", "--calibration", loop_calibration, "--out", "both")
-    assert fg_nav("compare", recorded("loop"), *both).code == 0
+    fg_nav("compare", recorded("loop"), *both).succeeded()
     assert config("both/iez")["calibration"]["corrected"] == ["magnetometer (walk)"]
     # without the magnetometer its calibration is left out
-    assert fg_nav("run", recorded("loop"), *told, "--no-mag", "--out", "bare").code == 0
+    fg_nav("run", recorded("loop"), *told, "--no-mag", "--out", "bare").succeeded()
     assert config("bare")["calibration"]["corrected"] == []
     assert "corrected by the calibration: nothing" in Path("bare/report.html").read_text()
     assert fg_nav("run", recorded("loop-bare"), *told, "--out", "none").refused("no magnetometer")
@@ -119,15 +118,13 @@ def test_an_accelerometer_is_corrected_where_scale_and_bias_are_known(fg_nav: Fg
     accelerometer = replace(known.accelerometer, scale=1.02, bias=np.zeros(3), separable=True)
     write_calibration(Path("scaled.json"), replace(known, accelerometer=accelerometer))
     for name, file in {"cal": loop_calibration, "scaled": "scaled.json"}.items():
-        ran = fg_nav("run", recorded("loop"), *IEZ, "none", "--calibration", file, "--out", name)
-        assert ran.code == 0, ran.err
+        fg_nav("run", recorded("loop"), *IEZ, "none", "--calibration", file, "--out", name).succeeded()
     assert config("scaled")["calibration"]["corrected"][1] == "accelerometer"
     assert summary("cal")["distance_m"] / summary("scaled")["distance_m"] == pytest.approx(1.02, abs=0.01)
 
 
 def test_a_still_sensor_shows_the_bias_that_a_walk_begins_with(fg_nav: FgNav) -> None:
-    ran = fg_nav("calibrate", recorded("still"), "--out", "cal.json")
-    assert ran.code == 0, ran.err
+    ran = fg_nav("calibrate", recorded("still"), "--out", "cal.json").succeeded()
     assert "without the magnetometer" in ran.out
     known = read_calibration(Path("cal.json"))
     assert known.magnetometer is None
@@ -136,8 +133,8 @@ def test_a_still_sensor_shows_the_bias_that_a_walk_begins_with(fg_nav: FgNav) ->
     given = [f"smoother.{name}={json.dumps(value)}" for name, value in prior.items()]
     for method in ("inertial", "online"):
         told = ("run", recorded("a"), "--method", method, "--plots", "none")
-        assert fg_nav(*told, "--calibration", "cal.json", "--out", method).code == 0
-        assert fg_nav(*told, *(word for one in given for word in ("--set", one)), "--out", f"{method}-set").code == 0
+        fg_nav(*told, "--calibration", "cal.json", "--out", method).succeeded()
+        fg_nav(*told, *(word for one in given for word in ("--set", one)), "--out", f"{method}-set").succeeded()
         pd.testing.assert_frame_equal(strides(method), strides(f"{method}-set"))  # the samples stay as they are
         assert tuple(config(method)["parameters"]["gyro_bias_deg_s"]) == prior["gyro_bias_deg_s"]
         assert "before the walk, from the calibration" in json.dumps(read_json(method, "summary.json"))
@@ -146,8 +143,7 @@ def test_a_still_sensor_shows_the_bias_that_a_walk_begins_with(fg_nav: FgNav) ->
 
 
 def test_walks_of_one_sensor_show_its_mean(fg_nav: FgNav) -> None:
-    ran = fg_nav("calibrate", *map(recorded, "abc"), "--out", "cal.json")
-    assert ran.code == 0, ran.err
+    fg_nav("calibrate", *map(recorded, "abc"), "--out", "cal.json").succeeded()
     found = read_calibration(Path("cal.json")).gyroscope
     assert found.recordings == 3
     true = simulate("demo", 3).biases.gyr[0] + np.radians(OFF_DEG_S["a"])
@@ -159,19 +155,19 @@ def test_walks_of_one_sensor_show_its_mean(fg_nav: FgNav) -> None:
 
 
 def test_a_run_leaves_it_out_and_says_what_to_give(fg_nav: FgNav) -> None:
-    assert fg_nav("run", recorded("turned"), "--method", "iez", "--plots", "none", "--out", "plain").code == 0
+    fg_nav("run", recorded("turned"), "--method", "iez", "--plots", "none", "--out", "plain").succeeded()
     said = summary("plain")
     assert "axes" in str(said["magnetometer"])
     assert f"--mag-axes={AXES}" in str(said["notes"])
     assert said["magnetometer_delay"] is None
-    assert fg_nav("run", recorded("turned"), "--method", "iez", f"--mag-axes={AXES}", "--out", "given").code == 0
+    fg_nav("run", recorded("turned"), "--method", "iez", f"--mag-axes={AXES}", "--out", "given").succeeded()
     said = summary("given")
     assert "mag-axes" not in str(said["notes"])
     assert "ms late" in str(said["notes"])
     assert said["magnetometer_delay"]["tau_s"] == pytest.approx(0.022, abs=0.001)
     assert config("given")["mag_axes"] == AXES
     forced = ("--mag-axes=x,y,z", "--plots", "none", "--out", "forced")
-    assert fg_nav("run", recorded("turned"), "--method", "iez", *forced).code == 0
+    fg_nav("run", recorded("turned"), "--method", "iez", *forced).succeeded()
     assert "used all the same" in str(summary("forced")["notes"])
 
 
@@ -179,17 +175,16 @@ def test_inspect_and_detect_say_it(fg_nav: FgNav) -> None:
     assert f"--mag-axes={AXES}" in "".join(fg_nav("inspect", recorded("turned")).out.split("\n")).replace(" ", "")
     for detectors in ("ma2018", "munoz-diaz"):
         assert fg_nav("detect", recorded("turned"), "--gate", detectors).refused(f"--mag-axes={AXES}")
-        assert fg_nav("detect", recorded("turned"), "--gate", detectors, f"--mag-axes={AXES}").code == 0
+        fg_nav("detect", recorded("turned"), "--gate", detectors, f"--mag-axes={AXES}").succeeded()
 
 
 def test_a_calibration_is_of_the_axes_given(fg_nav: FgNav) -> None:
     calibrate = ("calibrate", recorded("turned"), "--out", "c.json", "--method")
     assert fg_nav(*calibrate, "levelled").refused(f"--mag-axes={AXES}")
-    ran = fg_nav(*calibrate, "walk", f"--mag-axes={AXES}")
-    assert ran.code == 0, ran.err
+    ran = fg_nav(*calibrate, "walk", f"--mag-axes={AXES}").succeeded()
     assert f"--mag-axes={AXES}" in ran.out.replace("\n", "")
     write_canonical(MagAxes.parse(AXES).apply_to(recording("turned")), Path("right.csv"))
-    assert fg_nav("calibrate", Path("right.csv"), "--out", "right.json", "--method", "walk").code == 0
+    fg_nav("calibrate", Path("right.csv"), "--out", "right.json", "--method", "walk").succeeded()
     given, right = (read_calibration(Path(name)).magnetometer for name in ("c.json", "right.json"))
     np.testing.assert_allclose(given.hard_iron_uT, right.hard_iron_uT, atol=1e-3)
 
@@ -199,8 +194,7 @@ def test_a_stream_is_turned_row_by_row(fg_nav: FgNav) -> None:
     short = Path("short.csv")
     short.write_text("".join(recorded("turned").read_text().splitlines(keepends=True)[:2400]))
     assert f"--mag-axes={AXES}" in fg_nav("stream", short, "--speed", "max", "--lag", "30").err
-    ran = fg_nav("stream", short, "--speed", "max", f"--mag-axes={AXES}", "--out", "out")
-    assert ran.code == 0
+    ran = fg_nav("stream", short, "--speed", "max", f"--mag-axes={AXES}", "--out", "out").succeeded()
     assert "mag-axes" not in ran.err
     assert "ms late" in str(summary("out")["notes"])
     assert config("out")["mag_axes"] == AXES
@@ -228,15 +222,14 @@ def test_detect_writes_figures_pictures_and_a_table(fg_nav: FgNav) -> None:
     # it replaces its own files only
     again = ("detect", recorded("half"), "--gate", "qsf", "--out", "out")
     assert fg_nav(*again).refused("already holds a result", "--force")
-    assert fg_nav(*again, "--force").code == 0
+    fg_nav(*again, "--force").succeeded()
     assert fg_nav("run", recorded("half"), "--out", "out", "--force").refused("does not write")
 
 
 def test_every_method_without_a_compass_writes_the_same_verdicts(fg_nav: FgNav) -> None:
     verdicts = np.array(apply_gate(require_field(prepare_walk(read_walk(recorded("walk")))), "aiez").words)
     words = ("--methods", "inertial,iez", "--gate", "aiez", "--plots", "none", "--out", "out")
-    ran = fg_nav("compare", recorded("walk"), *words)
-    assert ran.code == 0, ran.err
+    fg_nav("compare", recorded("walk"), *words).succeeded()
     assert {"none", "disturbed", "quasi-static"} == set(verdicts)
     for method in ("inertial", "iez"):
         table, gate = strides(f"out/{method}"), config(f"out/{method}")["gate"]
@@ -251,7 +244,7 @@ def test_heading_turns_the_gyroscope_and_place_the_compass(fg_nav: FgNav) -> Non
     pytest.importorskip("pygeomag", reason="the extra wmm is not installed")
     where = ("--place", "64.1,-21.9,2025-06-01")  # Reykjavik: about 11 deg west
     for out, more in {"plain": (), "turned": ("--heading", "30"), "there": where}.items():
-        assert fg_nav("detect", recorded("half"), "--gate", "qsf", *more, "--out", out).code == 0
+        fg_nav("detect", recorded("half"), "--gate", "qsf", *more, "--out", out).succeeded()
     plain, turned, there = (strides(name, "field.csv") for name in ("plain", "turned", "there"))
     for column, change, other in (("gyro_heading_deg", 30.0, turned), ("compass_heading_deg", -11.0, there)):
         by = np.degrees(wrap_angle(np.radians(other[column] - plain[column])))
@@ -265,8 +258,7 @@ def test_heading_turns_the_gyroscope_and_place_the_compass(fg_nav: FgNav) -> Non
 )
 def test_a_field_that_cannot_be_judged_fails_no_run(fg_nav: FgNav, words: str, reason: str) -> None:
     name, *more = words.split()
-    ran = fg_nav("run", recorded(name), "--method", "iez", *more, "--plots", "html", "--out", "out")
-    assert ran.code == 0, ran.err
+    fg_nav("run", recorded(name), "--method", "iez", *more, "--plots", "html", "--out", "out").succeeded()
     assert set(strides("out")["field"]) == {"none"}
     assert strides("out")["field_reason"].str.contains(reason).all()
     assert config("out")["gate"] is None
@@ -278,8 +270,7 @@ def test_what_passes_the_gate_is_what_the_graph_has_and_what_all_files_say(
     fg_nav: FgNav, method: str, gate: str
 ) -> None:
     words = ("--method", method, "--gate", gate, "--heading", "0", "--plots", "html", "--out", "out")
-    ran = fg_nav("run", recorded("half"), *words)
-    assert ran.code == 0, ran.err
+    fg_nav("run", recorded("half"), *words).succeeded()
     verdicts, known, graph = strides("out")["field"], config("out"), summary("out")["graph"]
     assert known["parameters"]["magnetic"]["gate"] == known["gate"]["name"] == gate
     assert known["gate"]["quasi_static"] == (verdicts == "quasi-static").sum() > 0
@@ -302,8 +293,7 @@ def test_table_picture_and_figures(fg_nav):
     table = simulate(scenario, 1, Choices(sensor="mpu-9250", rate_hz=200.0))
     write_canonical(table.recording, Path("table.csv"))
     allan = ("lab", "allan", "table.csv", "--out", "noise")
-    ran = fg_nav(*allan)
-    assert ran.code == 0
+    ran = fg_nav(*allan).succeeded()
     assert fg_nav(*allan).refused("--force")
     found = read_json("noise", "allan.json")
     assert names(Path("noise")) == {"allan.json", "allan.png"}

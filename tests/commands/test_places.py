@@ -21,15 +21,16 @@ def saved(fg_nav: FgNav) -> Path:
     place = recorded("walk").with_name("office.places")
     if not place.exists():
         words = ("--save-places", place, "--plots", "none", "--out", place.with_name("first"))
-        assert fg_nav("run", recorded("walk"), *words).code == 0
+        fg_nav("run", recorded("walk"), *words).succeeded()
     return place
 
 
 def test_a_later_walk_is_located_on_saved_places(fg_nav: FgNav, saved: Path) -> None:
     assert "located" not in summary(saved.with_name("first"))
     assert read_places(saved).recording == "walk.csv"
-    ran = fg_nav("run", recorded("end"), "--places", saved, "--out", "part", "--save-places", "part.places", *NO_PLOTS)
-    assert ran.code == 0, ran.err
+    fg_nav(
+        "run", recorded("end"), "--places", saved, "--out", "part", "--save-places", "part.places", *NO_PLOTS
+    ).succeeded()
     found, path, first = summary("part"), strides("part"), strides(saved.with_name("first"))
     at, located = first.iloc[(first["time_s"] - path["time_s"][0]).abs().argmin()], found["located"]
     for axis in "xy":
@@ -45,13 +46,12 @@ def test_a_later_walk_is_located_on_saved_places(fg_nav: FgNav, saved: Path) -> 
     assert found["graph"]["known_place"] > 3
     # in the same frame for the next one
     assert np.linalg.norm(read_places(Path("part.places")).path.position[0] - at[["x_m", "y_m", "z_m"]]) < 1.5
-    again = fg_nav("run", recorded("end"), "--config", "part/config.json", *NO_PLOTS, "--out", "again")
-    assert again.code == 0
+    fg_nav("run", recorded("end"), "--config", "part/config.json", *NO_PLOTS, "--out", "again").succeeded()
     assert summary("again")["located"] == located
 
 
 def test_a_walk_elsewhere_stays_in_its_own_frame_and_says_so(fg_nav: FgNav, saved: Path) -> None:
-    assert fg_nav("run", recorded("other"), "--places", saved, *NO_PLOTS, "--out", "other").code == 0
+    fg_nav("run", recorded("other"), "--places", saved, *NO_PLOTS, "--out", "other").succeeded()
     found = summary("other")
     assert found["located"] is None
     assert any("nothing of the saved places was recognized" in note for note in found["notes"])
@@ -64,7 +64,7 @@ def test_places_are_not_overwritten_without_force(fg_nav: FgNav, saved: Path) ->
     arguments = ("run", recorded("end"), "--save-places", place, *NO_PLOTS)
     assert fg_nav(*arguments).refused("mine.places already exists", "--force")
     assert place.read_bytes() == before
-    assert fg_nav(*arguments, "--force", "--method", "iez").code == 0
+    fg_nav(*arguments, "--force", "--method", "iez").succeeded()
     assert place.read_bytes() != before
     Path("notes").write_text("mine")
     assert fg_nav("run", recorded("walk"), "--save-places", "notes", "--force").refused("does not write")

@@ -238,7 +238,7 @@ def test_what_is_said_of_a_case_can_be_typed(fg_nav: FgNav, pattern: str) -> Non
     assert ran.refused(path.name)
     check_proposals(fg_nav, ["inspect", path], ran)
     for mapping in re.findall(r'--columns "(.*?)"', ran.err):
-        assert fg_nav("inspect", path, "--columns", mapping.replace("UNIT", "deg/s")).code == 0
+        fg_nav("inspect", path, "--columns", mapping.replace("UNIT", "deg/s")).succeeded()
 
 
 def test_a_proposal_that_fails_is_found(fg_nav: FgNav) -> None:

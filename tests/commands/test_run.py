@@ -52,8 +52,7 @@ def test_a_result_is_named_after_the_walk() -> None:
 
 def test_options_reach_the_method_and_the_record(fg_nav: FgNav) -> None:
     arguments = ("run", recorded("part"), "--method", "iez", "--heading", "90", "--no-mag", "--out", "out", "--json")
-    ran = fg_nav(*arguments)
-    assert ran.code == 0
+    ran = fg_nav(*arguments).succeeded()
     assert json.loads(ran.out) == {"recording": str(recorded("part")), "folder": "out", **summary("out")}
     again = fg_nav(*arguments)
     assert (again.code, again.out) == (1, "")
@@ -88,8 +87,7 @@ def test_demo_can_be_run_again_from_its_files(fg_nav: FgNav, monkeypatch: pytest
     assert {"recording.csv", "truth.tum", "comparison.csv", "report.html"} <= names(Path("demo"))
     first = summary("demo/iez")
     words = ("--truth", "demo/truth.tum", "--plots", "none", "--out", "again")
-    again = fg_nav("run", "demo/recording.csv", "--method", "iez", *words)
-    assert again.code == 0, again.err
+    fg_nav("run", "demo/recording.csv", "--method", "iez", *words).succeeded()
     assert summary("again")["rmse_2d_m"] == pytest.approx(first["rmse_2d_m"], rel=1e-3)  # stamps are to the ns
     assert fg_nav("run", "demo/recording.csv", "--out", "demo", "--force").refused("does not write")
 
@@ -110,8 +108,9 @@ def test_simulate_writes_the_contract(fg_nav: FgNav) -> None:
     assert summary("run")["rmse_2d_m"] < 1.0
     assert fg_nav("simulate", "demo", "--out", "walk").refused("--force")
     # both feet, each with its truth
-    ran = fg_nav("simulate", "demo", "--seed", "2", "--rate", "100", "--both-feet", "--out", "feet", "--json")
-    assert ran.code == 0, ran.err
+    ran = fg_nav(
+        "simulate", "demo", "--seed", "2", "--rate", "100", "--both-feet", "--out", "feet", "--json"
+    ).succeeded()
     assert 0.1 <= json.loads(ran.out)["step_width_m"] <= 0.2
     each = {f"{side}.{kind}" for side in ("left", "right") for kind in ("csv", "truth.tum", "truth.json")}
     assert names(Path("feet")) == each | {"person.tum", "map.png"}
@@ -120,7 +119,7 @@ def test_simulate_writes_the_contract(fg_nav: FgNav) -> None:
     assert np.linalg.norm((left[0] - right[0])[1:4]) < 0.3
     # a scenario of one's own
     Path("yard.toml").write_text(OWN_WALK)
-    assert fg_nav("simulate", "yard.toml").code == 0
+    fg_nav("simulate", "yard.toml").succeeded()
     truth = read_json("results/yard-1", "truth.json")
     assert truth["drawn"]["sensor"]["prior"]["gyr"]["noise_density"] == 2e-4
     assert np.linalg.norm(truth["strides"]["footprint_m"][-1]) < 0.3
@@ -188,8 +187,7 @@ def test_strict_fails_on_a_path_that_is_not_to_be_used_and_writes_it(fg_nav: FgN
 
 
 def test_inspect_gives_figures_and_a_verdict(fg_nav: FgNav) -> None:
-    ran = fg_nav("inspect", recorded("walk"))
-    assert ran.code == 0, ran.err
+    ran = fg_nav("inspect", recorded("walk")).succeeded()
     assert "200" in ran.out
     assert "verdict" in ran.out.lower()
     found = json.loads(fg_nav("inspect", recorded("walk"), "--json").out)

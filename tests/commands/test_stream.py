@@ -234,8 +234,7 @@ def test_a_signal_ends_the_walk_and_not_its_result(fg_nav, csv, tmp_path, monkey
 @pytest.mark.usefixtures("solved_here")
 def test_with_a_lag_the_footfalls_are_written(fg_nav, csv, tmp_path):
     out = tmp_path / "out"
-    ran = fg_nav("stream", csv, "--heading", 0, "--lag", 10, "--speed", "max", "--out", out, "--json")
-    assert ran.code == 0
+    ran = fg_nav("stream", csv, "--heading", 0, "--lag", 10, "--speed", "max", "--out", out, "--json").succeeded()
     assert json.loads(ran.out) == {"source": str(csv), "folder": str(out), **summary(out)}
     assert names(out) == {"trajectory.tum", "strides.csv", "online.csv", "summary.json", "report.html"}
     assert len(np.loadtxt(out / "trajectory.tum")) == len(strides(out)) == len(strides(out, "online.csv")) == 13
@@ -317,8 +316,7 @@ def test_lines_and_files_of_both_feet_and_of_the_person(fg_nav) -> None:
         rows = rows_of(demo_feet().sides[side].recording)
         pd.DataFrame(rows[rows[:, 0] < until], columns=list(CANONICAL)).to_csv(f"{side}.csv", index=False)
     words = ("--mount", "feet", "--speed", "max", "--out", "mine", "--no-mag")
-    ran = fg_nav("stream", "left.csv", "right.csv", *words)
-    assert ran.code == 0
+    ran = fg_nav("stream", "left.csv", "right.csv", *words).succeeded()
     lines = [json.loads(line) for line in ran.out.splitlines()]
     assert all({"foot", "frame", "kind"} <= set(line) for line in lines)
     now = [line for line in lines if line["kind"] == "now"]

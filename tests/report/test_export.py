@@ -288,8 +288,9 @@ def test_of_an_odd_track_all_is_written_that_is_known(solution: Solution, tmp_pa
 
 
 def test_the_command_writes_several_files(fg_nav: FgNav, folder: Path) -> None:
-    ran = fg_nav("export", folder, "a.kml", "a.mat", "--origin=-33.9,151.2", "--start", "2026-05-04T09:30:00Z")
-    assert ran.code == 0, ran.err
+    ran = fg_nav(
+        "export", folder, "a.kml", "a.mat", "--origin=-33.9,151.2", "--start", "2026-05-04T09:30:00Z"
+    ).succeeded()
     assert "a.kml" in ran.out
     assert "a.mat" in ran.out
     assert "2026-05-04T09:30:00" in ran.out

@@ -18,6 +18,7 @@ from fg_nav.samples.plausibility import (
     find_lasting_problems,
     find_unit_problems,
     measure_field_strength,
+    measure_gravity_transport,
 )
 from fg_nav.samples.readings import (
     ACC_OUT,
@@ -236,6 +237,21 @@ def _tumbling(rng: np.random.Generator, swing_rad: float = 0.7) -> tuple[np.ndar
     gyr = (nav_R_body[:-1].inv() * nav_R_body[1:]).as_rotvec() / PERIOD_S
     acc = nav_R_body[:-1].inv().apply([0.0, 0.0, GRAVITY_M_S2])
     return acc, gyr
+
+
+def test_gravity_turns_as_the_gyroscope_says_in_any_right_handed_axes() -> None:
+    acc, gyr = _tumbling(np.random.default_rng(1))
+    transport = measure_gravity_transport(acc, gyr, PERIOD_S)
+    assert transport.gain == pytest.approx(1.0, abs=0.02)
+    assert transport.correlation > 0.99
+    assert measure_gravity_transport(acc, np.rad2deg(gyr), PERIOD_S).gain == pytest.approx(np.pi / 180, rel=0.02)
+    mirror = np.array([1.0, 1.0, -1.0])
+    for turned in Rotation.random(3, rng=np.random.default_rng(0)):
+        acc, gyr = turned.apply(acc), turned.apply(gyr)
+        found = measure_gravity_transport(acc, gyr, PERIOD_S)
+        assert found.gain == pytest.approx(transport.gain)
+        assert not found.is_mirrored
+        assert measure_gravity_transport(acc * mirror, gyr * mirror, PERIOD_S).is_mirrored
 
 
 def test_slow_turning_in_degrees_is_recognised_by_gravity_alone() -> None:
