@@ -38,6 +38,7 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.recording import Recording
 from fg_nav.text import MAX_BYTES
+from tests.magnetic.turning_walks import HARD_IRON, tumble
 
 HARD = np.array([14.0, -8.0, 3.0])
 C = np.array([[1.1, 0.02, -0.03], [0.02, 0.9, 0.05], [-0.03, 0.05, 1.0]])
@@ -185,25 +186,13 @@ def test_foreign_files_no_file_and_a_folder_are_refused(tmp_path):
 # all calibrations of one recording
 
 
-def turned_over(rate_hz):
-    """A sensor that a hand turns all ways, at this rate, for 20 s."""
-    rng = np.random.default_rng(0)
-    t = np.arange(int(rate_hz * 20.0)) / rate_hz
-    rate = 2.0 * np.sin(t[:, None] * rng.uniform(0.3, 1.0, 3) + rng.uniform(0, 6, 3))
-    R = [np.eye(3)]
-    for turn in Rotation.from_rotvec(rate[:-1] / rate_hz).as_matrix():
-        R.append(R[-1] @ turn)
-    force, field = (np.einsum("nji,j->ni", R, v) for v in ([0.0, 0.0, 9.81], [0.0, 21.0, -43.0]))
-    return Recording(t, force, rate, field + HARD + 0.3 * rng.standard_normal(field.shape))
-
-
 def test_a_sensor_that_was_turned_over_gets_the_ellipsoid():
-    recording = turned_over(100.0)
+    recording = tumble()
     found = calibrate(recording)
     tame, magnetometer = found.effect, found.calibration.magnetometer
     assert magnetometer.method == "ellipsoid"
-    for one in (magnetometer, calibrate(turned_over(1000.0)).calibration.magnetometer):
-        assert one.hard_iron_uT == pytest.approx(HARD, abs=0.2)
+    for one in (magnetometer, calibrate(tumble(1000.0)).calibration.magnetometer):
+        assert one.hard_iron_uT == pytest.approx(HARD_IRON, abs=0.2)
     assert tame.strength_after_uT == pytest.approx(0.3, rel=0.1)
     slow, mag = np.full_like(recording.mag, np.nan), recording.mag.copy()
     slow[::10] = recording.mag[::10]  # 10 Hz are enough

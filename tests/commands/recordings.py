@@ -6,38 +6,19 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from fg_nav.detection import detect_stances
-from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io import write_canonical, write_tum
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.recording import Recording
 from fg_nav.truth import TrajectoryTruth
-from tests.magnetic.turning_walks import minute
+from tests.magnetic.turning_walks import minute, tumble
 from tests.online.walks import short_walk
 
 FOLDER = tempfile.TemporaryDirectory(prefix="fg-nav-recordings-")
-EARTH = np.array([0.0, 21.0, -43.0])  # uT, in nav.
-HARD_IRON = np.array([14.0, -8.0, 5.0])
-SOFT_IRON = np.array([[1.08, 0.03, 0.0], [0.03, 0.95, -0.02], [0.0, -0.02, 1.01]])
 AXES = "-y,-x,z"  # A mirror.
 OFF_DEG_S = {"still": (0.5, 0.0, 0.0), "a": (0.5, 0.0, 0.0), "b": (0.51, 0.01, 0.01), "c": (0.49, -0.01, -0.01)}
-
-
-def tumble(seconds: float = 60.0, rate_hz: float = 100.0) -> Recording:
-    """A sensor turned over in all directions by hand; it never walks."""
-    rng = np.random.default_rng(1)
-    t = np.arange(int(seconds * rate_hz)) / rate_hz
-    rate = np.stack([np.sin(0.31 * t), np.cos(0.23 * t), 0.7 * np.sin(0.17 * t + 1.0)], axis=1)
-    now, found = Rotation.identity(), []
-    for step in Rotation.from_rotvec(rate / rate_hz):
-        found.append(now.as_matrix())
-        now = now * step
-    acc, field = (np.array(found).transpose(0, 2, 1) @ one for one in (np.array([0.0, 0.0, GRAVITY_M_S2]), EARTH))
-    acc = acc + 0.02 * rng.normal(size=(len(t), 3))
-    return Recording(t, acc, rate, field @ SOFT_IRON.T + HARD_IRON + 0.3 * rng.normal(size=(len(t), 3)))
 
 
 def _end(recording: Recording) -> Recording:

@@ -26,7 +26,8 @@ from fg_nav.smoother.graph import KINDS
 from fg_nav.walk import read_walk
 from tests.command_line import FgNav, names
 from tests.commands.folders import config, read_json, strides, summary
-from tests.commands.recordings import AXES, EARTH, HARD_IRON, OFF_DEG_S, SOFT_IRON, recorded, recording, truth_of
+from tests.commands.recordings import AXES, OFF_DEG_S, recorded, recording, truth_of
+from tests.magnetic.turning_walks import EARTH, HARD_IRON, SOFT_IRON
 
 IEZ = ("--method", "iez", "--plots")
 

@@ -1,7 +1,7 @@
 """Filters with a gated compass, and AIEZ, on walks in closed form: a drifting gyro; a field that is right, or moves.
 
 And the equations as printed that do not do what they are meant to, on states known without either. Errors are estimate
-minus truth, in the order of Ma (29), dx = (dphi, dw, dr, dv, da), three each. What is printed, and what must stand there:
+minus truth, in the order of Ma (29), dx = (dphi, dw, dr, dv, da), three each. What is printed, and must stand there:
 
 ================= ======================================= ===========================================================
 Ma (27)           Cayley: (2 I + W h) / (2 I - W h)       right to third order: 8e-5 rad off at 0.1 rad a sample. Exp
