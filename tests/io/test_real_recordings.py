@@ -14,7 +14,7 @@ from fg_nav.mechanisation import rotate_in_body
 from fg_nav.recording import Recording
 from fg_nav.samples.plausibility import measure_gravity_transport, measure_rest_acc
 from fg_nav.truth import FootprintTruth, TrajectoryTruth
-from tests.io.test_refusals import WITHOUT_GRAVITY
+from tests.io.test_every_format import WITHOUT_GRAVITY
 from tests.real_data import DATA, needs_data
 
 pytestmark = needs_data
