@@ -32,7 +32,7 @@ from fg_nav.calibration.of_recording import (
     read_calibration,
     write_calibration,
 )
-from fg_nav.detection import detect_stances
+from fg_nav.detection import detect_stances, find_rests
 from fg_nav.errors import CalibrationError, MagneticError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation import Choices, simulate
@@ -292,6 +292,8 @@ def test_the_gyroscopes_bias_is_that_of_the_rests():
     assert found.rests == 3
     assert np.sqrt(np.mean(np.square(errors))) < 1.0
     assert np.degrees(found.sigma).max() < 0.05
+    (rest,) = find_rests(lying(FACES[:1], 0))
+    np.testing.assert_allclose(calibrate_gyroscope(lying(FACES[:1], 0)).sigma, rest.sigma)
     exact = calibrate_gyroscope(lying(FACES[:1], 2, seconds=60.0))
     assert np.degrees(exact.sigma).max() < 0.03
     assert 0.06 < np.degrees(exact.next_sigma) < 0.15  # as far as biases usually change
