@@ -101,7 +101,7 @@ def check_proposals(fg_nav: FgNav, arguments: Sequence[object], ran: Ran) -> int
     unknown = set(OPTION.findall(words)) - known - set(OPTION.findall(" ".join(arguments)))
     assert not unknown, f"{words}\nnames {unknown}, which are no options of {command}"
     is_to_be_made = re.search("export .* as a table", words) is not None
-    whole = [one for one in commands if _positional(one) and not is_to_be_made and not OPEN.search(" ".join(one))]
+    whole = [one for one in commands if _has_source(one) and not is_to_be_made and not OPEN.search(" ".join(one))]
     changed = list_changes(words, arguments)
     for again in [*whole, *changed]:
         with pytest.MonkeyPatch.context() as patch:
@@ -149,17 +149,10 @@ def _split(text: str) -> list[str]:
         return text.split()
 
 
-def _positional(command: Sequence[str]) -> list[str]:
-    """Arguments of a command that are not options or their values."""
-    options = _commands()[_name(command)]
-    left, words = [], list(command[1 + (command[0] == "lab") :])
-    while words:
-        word = words.pop(0)
-        if not word.startswith("--"):
-            left.append(word)
-        elif "=" not in word and not options.get(word) and words:
-            words.pop(0)
-    return left
+def _has_source(command: Sequence[str]) -> bool:
+    """Whether what the command reads is named behind it."""
+    first = 1 + (command[0] == "lab")
+    return len(command) > first and not command[first].startswith("--")
 
 
 def _without(arguments: Sequence[str], option: str, options: dict[str, bool]) -> list[str]:

@@ -9,7 +9,7 @@ import pytest
 
 from fg_nav.commands import config
 from fg_nav.ekf.presets import AS_PRINTED, GATED, NOT_RUN, PHYSICAL, PRESETS, TUNED, TUNED_PARAMETERS, find_parameters
-from fg_nav.errors import ConfigError, EstimationError, FgNavError
+from fg_nav.errors import ConfigError, EstimationError
 from fg_nav.estimators import METHODS, choose_parameters
 from fg_nav.magnetic.detectors import Detector
 from fg_nav.pipeline import navigate, prepare_walk, run_method
@@ -62,31 +62,6 @@ def test_several_recordings_are_one_table_and_a_bad_one_stops_no_other(fg_nav: F
 def choose(known: config.Config | None, words: Sequence[str], methods: Sequence[str], preset: str = "tuned") -> Changes:
     """Parameters that a configuration and `--set` change in these methods."""
     return config.choose_changes(known, words, [METHODS["foot"][name] for name in methods], "foot", preset)
-
-
-@pytest.mark.parametrize(
-    ("word", "said"),
-    [
-        ("smoother.acc_densty=1", "the nearest is 'smoother.acc_density'"),
-        ("acc_density=1", "the nearest is 'smoother.acc_density'"),
-        ("iez.acc_density=1", "no parameter 'iez.acc_density'"),
-        ("smoother.magnetic=1", "has parts: choose one of smoother.magnetic.compass"),
-        ("smoother.acc_density", "write --set smoother.acc_density=VALUE"),
-        ("smoother.acc_density=-1", "'smoother.acc_density' cannot be -1: give a number that is not below zero"),
-        ("smoother.acc_density=" + "[" * 100_000, "cannot be '[[["),  # brackets without end are a word
-        ("smoother.acc_density=null", "cannot be None: give a number"),
-        ("smoother.magnetic.rounds=1.5", "give a whole number"),
-        ("smoother.magnetic.rounds=1001", "give a whole number up to 1000"),
-        ("smoother.known_lever=[1, 2]", "give a list"),
-        ("smoother.gyro_bias_deg_s=[0, 0, 1e300]", "give a list"),
-        ("smoother.moving_foot=1", "give true or false"),
-        ("detector.detector=3", "give a word"),
-    ],
-)
-def test_a_setting_that_cannot_be_is_refused(word: str, said: str) -> None:
-    with pytest.raises(FgNavError) as error:
-        choose(None, [word], ["smoother"])
-    assert said in str(error.value)
 
 
 def test_settings_have_the_types_of_the_parameters() -> None:
