@@ -88,6 +88,8 @@ def test_a_mapping_finds_names_in_any_case_and_without_their_unit():
     assert (columns.time.unit, columns.acc.unit, columns.gyr.unit) == ("ms", "g", "deg/s")
     found = parse_columns("acc=Acc X [g]:Acc Y [g]:Acc Z [g],gyr=a:b:c").find(names, "walk.csv")
     assert found["acc"].positions == (1, 2, 3)
+    mixed = ["Acc X [g]", "Acc Y [mg]", "Acc Z [g]"]  # of two units neither is that of all
+    assert parse_columns("acc=1:2:3").find(mixed, "walk.csv")["acc"].unit is None
     # what a mapping leaves out is what the names say
     completed = choose_columns(names, HINTS, given=parse_columns("gyr=a:b:c[deg/s]"))
     assert (completed.acc, completed.time) == (columns.acc, columns.time)
