@@ -205,19 +205,16 @@ def test_the_angle_unseen_in_a_long_gap_is_within_its_sigma() -> None:
         assert 0.05 < np.sqrt(np.mean(np.square(over))) < 1.5
 
 
-STRUCK_PERIOD_S = 0.005
-STRUCK_EVERY = 200
-STRUCK = 60 * STRUCK_EVERY
-STRUCK_NOISE = 0.02
+N, EVERY = 12_000, 200  # Samples at 200 Hz, and from one strike to the next.
 
 
 def struck() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A foot whose every strike is another one: what it turns by hangs on its force at that very moment."""
-    rng = np.random.default_rng(2)
-    t, phase = STRUCK_PERIOD_S * np.arange(STRUCK), 2 * np.pi * np.arange(STRUCK) / STRUCK_EVERY
-    blow = np.convolve(rng.normal(0, 30, STRUCK), [0.5, 1.0, 0.5], "same") * (np.arange(STRUCK) % STRUCK_EVERY < 12)
-    acc = np.column_stack([blow, 3 * np.sin(phase), 9.8 + np.cos(phase)]) + rng.normal(0, STRUCK_NOISE, (STRUCK, 3))
-    gyr = np.column_stack([np.sin(phase), 0.1 * blow, np.cos(phase)]) + rng.normal(0, STRUCK_NOISE, (STRUCK, 3))
+    rng, at = np.random.default_rng(2), np.arange(N)
+    t, phase = 0.005 * at, 2 * np.pi * at / EVERY
+    blow = np.convolve(rng.normal(0, 30, N), [0.5, 1.0, 0.5], "same") * (at % EVERY < 12)
+    acc = np.column_stack([blow, 3 * np.sin(phase), 9.8 + np.cos(phase)]) + rng.normal(0, 0.02, (N, 3))
+    gyr = np.column_stack([np.sin(phase), 0.1 * blow, np.cos(phase)]) + rng.normal(0, 0.02, (N, 3))
     return t, acc, gyr
 
 
@@ -225,8 +222,8 @@ def struck() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("lost", [1, 5])
 def test_what_one_sensor_would_have_read_is_known_as_well_as_is_said(which, lost):
     t, acc, gyr = struck()
-    truth, unread = (acc if which == ACC_OUT else gyr).copy(), np.zeros(STRUCK, dtype=np.int64)
-    for start in range(5 * STRUCK_EVERY + 3, STRUCK - STRUCK_EVERY, 2 * STRUCK_EVERY):  # amid a strike
+    truth, unread = (acc if which == ACC_OUT else gyr).copy(), np.zeros(N, dtype=np.int64)
+    for start in range(5 * EVERY + 3, N - EVERY, 2 * EVERY):  # amid a strike
         unread[start : start + lost] = which
     for one, x in ((ACC_OUT, acc), (GYR_OUT, gyr)):
         x[unread == one] = 1e3
@@ -242,7 +239,7 @@ def test_what_one_sensor_would_have_read_is_known_as_well_as_is_said(which, lost
 
 def test_a_bridged_sample_is_doubted_in_its_sensor_alone_and_so_is_a_slice():
     t, acc, gyr = struck()
-    unread = np.where(np.arange(STRUCK) == 803, GYR_OUT, 0)
+    unread = np.where(np.arange(N) == 803, GYR_OUT, 0)
     truth = gyr[803, 1]
     interpolate_unread(t, acc, gyr, unread)
     recording = Recording(t, acc, gyr, unread=unread)
