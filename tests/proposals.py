@@ -101,7 +101,9 @@ def check_proposals(fg_nav: FgNav, arguments: Sequence[object], ran: Ran) -> int
     unknown = set(OPTION.findall(words)) - known - set(OPTION.findall(" ".join(arguments)))
     assert not unknown, f"{words}\nnames {unknown}, which are no options of {command}"
     is_to_be_made = re.search("export .* as a table", words) is not None
-    whole = [one for one in commands if _has_source(one) and not is_to_be_made and not OPEN.search(" ".join(one))]
+    # with what it reads behind it
+    named = [one for one in commands if not [*one, "--"][1 + (one[0] == "lab")].startswith("--")]
+    whole = [one for one in named if not is_to_be_made and not OPEN.search(" ".join(one))]
     changed = list_changes(words, arguments)
     for again in [*whole, *changed]:
         with pytest.MonkeyPatch.context() as patch:
@@ -147,12 +149,6 @@ def _split(text: str) -> list[str]:
         return shlex.split(text)
     except ValueError:
         return text.split()
-
-
-def _has_source(command: Sequence[str]) -> bool:
-    """Whether what the command reads is named behind it."""
-    first = 1 + (command[0] == "lab")
-    return len(command) > first and not command[first].startswith("--")
 
 
 def _without(arguments: Sequence[str], option: str, options: dict[str, bool]) -> list[str]:

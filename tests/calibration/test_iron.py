@@ -32,10 +32,6 @@ def half_turn(angle):
     return (angle + np.pi / 2) % np.pi - np.pi / 2
 
 
-def turned_by(angle):
-    return yaw_rotation(angle)[:2, :2]
-
-
 def read_loop(heading, eta=ETA, tau=TAU, noise_uT=0.0, seed=0):
     """Levelled readings (F, 2) of a foot with these headings: x axis forward, so north lies `heading` to the left."""
     field = HORIZONTAL * np.stack([np.cos(heading), np.sin(heading)], axis=1)

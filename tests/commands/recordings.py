@@ -34,11 +34,6 @@ def _slow(recording: Recording) -> Recording:
     return replace(recording, mag=mag)
 
 
-def _thin(whole: Recording) -> Recording:
-    """At 20 Hz."""
-    return Recording(whole.t[::10], whole.acc[::10], whole.gyr[::10])
-
-
 def _of_one_sensor(name: str, recording: Recording) -> Recording:
     """With a bias that changes little from walk to walk; the field at rest alone."""
     rate = recording.gyr + np.radians(OFF_DEG_S[name])
@@ -54,7 +49,7 @@ MADE = {
     "bare": lambda: replace(recording("part"), mag=None),
     "slow": lambda: _slow(recording("part")),
     "mirrored": lambda: replace(recording("bare"), gyr=-recording("bare").gyr),
-    "thin": lambda: _thin(recording("walk")),
+    "thin": lambda: Recording(*(getattr(recording("walk"), name)[::10] for name in ("t", "acc", "gyr"))),  # at 20 Hz
     "pocket": lambda: simulate("demo", 103, Choices(worn="pocket", rate_hz=100.0)).recording.slice(0, 3500),
     "short": short_walk,
     "loop": lambda: simulate("calibration-loop", 101, Choices(rate_hz=200.0)).recording,

@@ -132,14 +132,16 @@ def piped(data: bytes, path: Path) -> Iterator[Path]:
     assert not writer.is_alive()
 
 
-def encode_utf16(data: bytes) -> bytes:
-    return codecs.BOM_UTF16_BE + data.decode().encode("utf-16-be")
-
-
 def test_a_pipe_is_read_once_and_whole(text: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_pyshoe(RAW, tmp_path / "walk.mat")
     zipped = write_zip(tmp_path / "walk.zip", {"walk.csv": text}).read_bytes()
-    packed = (text, gzip.compress(text), zipped, encode_utf16(text), (tmp_path / "walk.mat").read_bytes())
+    packed = (
+        text,
+        gzip.compress(text),
+        zipped,
+        codecs.BOM_UTF16_BE + text.decode().encode("utf-16-be"),
+        (tmp_path / "walk.mat").read_bytes(),
+    )
     for k, data in enumerate(packed):
         with piped(data, tmp_path / f"pipe{k}") as path:
             raw = read_raw(path)
@@ -192,13 +194,6 @@ def pack(kind: int, data: bytes, order: str = ">") -> bytes:
     return np.array([kind, len(data)], dtype=order + "u4").tobytes() + data + bytes(-len(data) % 8)
 
 
-def big_endian_file() -> bytes:
-    """A file of one 2 x 1 array of float64."""
-    parts = [(6, [6, 0], ">u4"), (5, [2, 1], ">i4"), (1, [ord("x")], ">i1"), (9, [1.5, -2.5], ">f8")]
-    matrix = b"".join(pack(kind, np.array(values, dtype=dtype).tobytes()) for kind, values, dtype in parts)
-    return b"MATLAB 5.0 MAT-file".ljust(124) + b"\x01\x00MI" + pack(14, matrix)
-
-
 @pytest.mark.parametrize("compress", [False, True])
 def test_arrays_are_those_that_scipy_reads(compress: bool) -> None:
     file = io.BytesIO()
@@ -213,23 +208,21 @@ def test_arrays_are_those_that_scipy_reads(compress: bool) -> None:
 
 
 def test_other_byte_order() -> None:
-    data = big_endian_file()
+    parts = [(6, [6, 0], ">u4"), (5, [2, 1], ">i4"), (1, [ord("x")], ">i1"), (9, [1.5, -2.5], ">f8")]
+    matrix = b"".join(pack(kind, np.array(values, dtype=dtype).tobytes()) for kind, values, dtype in parts)
+    data = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x01\x00MI" + pack(14, matrix)
     values = matlab.load_arrays(data, "walk.mat")["x"]
     np.testing.assert_array_equal(values, [[1.5], [-2.5]])
     np.testing.assert_array_equal(values, scipy.io.loadmat(io.BytesIO(data))["x"])
 
 
-def small_file(compress: bool) -> bytes:
-    file = io.BytesIO()
-    small = {"imu": np.zeros((2, 6)), "n": 3, "cube": CUBE[:1, :1, :2], "w": "text", "s": {"a": 1}, "c": 1j}
-    scipy.io.savemat(file, small, do_compression=compress)
-    return file.getvalue()
-
-
 @pytest.mark.parametrize("compress", [False, True])
 def test_one_wrong_byte_is_read_or_refused(compress: bool) -> None:
     """Of all places, three wrong bytes, a flipped bit, and the end; some would end the process of scipy's reader."""
-    whole = small_file(compress)
+    file = io.BytesIO()
+    small = {"imu": np.zeros((2, 6)), "n": 3, "cube": CUBE[:1, :1, :2], "w": "text", "s": {"a": 1}, "c": 1j}
+    scipy.io.savemat(file, small, do_compression=compress)
+    whole = file.getvalue()
     values, refused = np.random.default_rng(5).integers(256, size=(len(whole), 3), dtype=np.uint8), 0
     for at in range(116, len(whole)):
         wrong = [whole[:at] + bytes([value]) + whole[at + 1 :] for value in (*values[at], whole[at] ^ 1)]

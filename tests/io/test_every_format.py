@@ -37,12 +37,6 @@ FIELDS = {  # Samples of the magnetometer in the file, where it has not one in e
 }
 
 
-def find_rows(recording: Recording) -> np.ndarray:
-    """Rows of `RAW` that the samples are: they begin where the first rates are most alike."""
-    apart = [np.abs(RAW.gyr[k : k + 5] - recording.gyr[:5]).sum() for k in range(30)]
-    return int(np.argmin(apart)) + np.rint((recording.t - recording.t[0]) * 100).astype(int)
-
-
 def test_every_format_has_a_sample() -> None:
     assert {sample.format for sample in SAMPLES.values()} | {"ros", "tables"} == set(FORMATS)  # ros is an extra
 
@@ -59,7 +53,9 @@ def test_no_row_is_lost_and_none_invented(kind: str, tmp_path: Path) -> None:
     assert (raw.provenance.format, raw.provenance.path) == (sample.format, path)
     # samples
     recording = Recording.from_raw(raw)
-    k = find_rows(recording)
+    # they begin where the first rates are most alike
+    apart = [np.abs(RAW.gyr[k : k + 5] - recording.gyr[:5]).sum() for k in range(30)]
+    k = int(np.argmin(apart)) + np.rint((recording.t - recording.t[0]) * 100).astype(int)
     lost = [0, 399] if sample.late else LOST.get(kind, [])
     assert k.tolist() == np.delete(np.arange(len(RAW.t)), lost).tolist()
     np.testing.assert_allclose(recording.t - recording.t[0], RAW.t[k] - RAW.t[k[0]], atol=2e-3)

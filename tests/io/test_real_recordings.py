@@ -20,14 +20,11 @@ from tests.real_data import DATA, needs_data
 pytestmark = needs_data
 
 
-def _files() -> list[Path]:
-    if DATA is None:
-        return []
-    patterns = ("gdin/*/*.csv", "vicon/*.mat", "gdlbio/*.mat", "openshoe/*.txt", "xio/*.csv", "broad/*.mat")
-    return [path for pattern in patterns for path in sorted(DATA.glob(pattern))]
+PATTERNS = ("gdin/*/*.csv", "vicon/*.mat", "gdlbio/*.mat", "openshoe/*.txt", "xio/*.csv", "broad/*.mat")
+FILES = [] if DATA is None else [path for pattern in PATTERNS for path in sorted(DATA.glob(pattern))]
 
 
-@pytest.mark.parametrize("path", _files(), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_every_file_is_read_and_obeys_physics(path: Path) -> None:
     recording = read(path)
     assert len(recording) > 1500
