@@ -222,6 +222,11 @@ def test_free_velocity_both_ways_from_any_sample_and_of_a_still_sensor_what_tilt
     still = np.tile([0.0, 0.0, GRAVITY_M_S2], (len(t), 1))
     reached = integrate_both_ways(*tilted, still, 0 * still, h, ~no, no)[-1]
     assert np.linalg.norm(reached[:2]) == pytest.approx(GRAVITY_M_S2 * 0.05 * TILT_TIME_S, rel=0.02)
+    # behind a hole, in which the sensor was turned, the still samples level it at once
+    hole, turned = np.arange(len(t)) == start, Rotation.from_rotvec([0.5, 0.0, 0.0]).apply(still)
+    level = start_at_rest(np.eye(3)), np.array([MANY]), 0
+    after = np.where((np.arange(len(t)) > start)[:, None], turned, still)
+    assert np.linalg.norm(integrate_both_ways(*level, after, 0 * still, h, ~no, hole)[-1]) < 0.2
 
 
 def test_gaps_longer_than_a_swing_are_filled_from_the_rough_search():

@@ -256,6 +256,11 @@ def test_they_are_those_of_the_recording(person, mount):
     assert (np.diff(ends)[::2] > 0).all()  # in order and apart
     assert (np.diff(ends)[1::2] >= 0).all()
     assert all(((f.start <= f.stillest) & (f.stillest < f.stop)).any() for f in found)
+    # of several intervals, in whichever it is
+    fidgeting = with_turns(standing(4.0), 1.5, [1.0, 2.0, 2.6])
+    stillest = detect_stances(fidgeting).stillest(fidgeting.gyr)
+    first = pushed(fidgeting)[0][0]
+    assert first.start[1] < first.stillest == stillest[0]
 
 
 def test_neither_blocks_nor_what_comes_later_matter(walk):

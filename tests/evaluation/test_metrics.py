@@ -137,6 +137,9 @@ def test_truth_at_other_stamps_is_interpolated_only_where_it_was_seen():
         assert metrics.max_error_m < 1e-9
         assert metrics.points == points
         assert len(truth.t) == len(T) or "the truth covers" in metrics.notes[0]
+    coarse = np.arange(0.0, 20.5, 0.5)  # between such stamps all is seen: none is far from the usual
+    metrics = evaluate(solution(T, T[:, None] * speed), TrajectoryTruth(coarse, coarse[:, None] * speed), "none")
+    assert metrics.points == len(T)
     with pytest.raises(EvaluationError, match=r"100\.000 to 120\.000 s.*0\.000 to 20\.000 s.*clocks"):
         evaluate(solution(T, PATH), TrajectoryTruth(T + 100.0, PATH))
 

@@ -299,12 +299,14 @@ def test_gravity_is_added(tmp_path: Path) -> None:
         (["t", *xyz("motionUserAcceleration{}(G)", "motionGravity{}(G)", "rotationRate.{}")],
          [T, apple, -UP / GRAVITY_M_S2, WALK.gyr]),
         (["t", *xyz("gravity_{}", "lin_acc_{}", "gyro_{}")], [T, UP, WALK.acc - UP, WALK.gyr]),
+        (["t", *xyz("lin_acc_{} [g]", "gravity_{} [g]", "gyro_{}")], [T, apple, -UP / GRAVITY_M_S2, WALK.gyr]),
         (["t", *xyz("LinearAccel{} (m/s2)", "Gravity{} (m/s2)", "Gyro{} (dps)"), "pressure (kPa)"],
          [T, WALK.acc - UP, UP, DEG, air]),
     ):  # fmt: skip
         raw = read_raw(write(tmp_path / "walk.csv", names, columns))
         assert is_the_walk(raw)
-        assert any("as an iPhone has the sign turned" in note for note in raw.provenance.notes) == ("User" in names[1])
+        turned = any("as an iPhone has the sign turned" in note for note in raw.provenance.notes)
+        assert turned == names[1].endswith(("(G)", "[g]"))
         assert (raw.pressure is None) == ("pressure" not in names[-1])
     assert np.nanmedian(raw.pressure) == pytest.approx(101300.0)
 
