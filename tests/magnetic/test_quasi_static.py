@@ -88,17 +88,6 @@ def test_a_jump_fails_while_it_is_in_the_window_and_is_named(field, who, word):
 BOTH = Detector("both", (Channel("strength", 0.3), Channel("strength rate", 0.5)), fixed_threshold=6.0)
 
 
-@pytest.mark.parametrize(
-    ("detector", "freedom"), [(DETECTORS["qsf"], 3), (DETECTORS["ma2018"], 9), (DETECTORS["iqsf"], 12), (BOTH, 6)]
-)
-def test_a_still_field_with_white_readings_gives_a_chi_squared_statistic(detector, freedom):
-    assert detector.degrees_of_freedom == freedom
-    statistic = detector.compute_statistic(rng(4).standard_normal((20_000, len(detector.channels), detector.rows)))
-    assert kstest(statistic, "chi2", args=(freedom,)).pvalue > 1e-3
-    passing = chi2.cdf(detector.threshold, freedom)
-    assert (statistic < detector.threshold).mean() == pytest.approx(passing, abs=0.01)
-
-
 def test_from_readings_to_verdicts_the_statistic_is_chi_squared():
     n, sigma = 6000, np.deg2rad(1.0)
     turn, strength = sigma * rng(5).standard_normal(n), 1.0 + 0.3 / 48 * rng(6).standard_normal(n)
@@ -123,15 +112,6 @@ def test_the_least_change_that_matters_passes_at_the_false_alarm_rate(name, rate
         passed.append((detector.compute_statistic(window) < detector.threshold).mean())
     assert max(passed) == pytest.approx(rate, abs=4 * np.sqrt(rate / n) + 1e-3)
     assert chi2.cdf(preset.threshold, preset.degrees_of_freedom) > 0.9  # of still fields
-
-
-def test_a_longer_window_sees_a_slower_change_and_qsf_none_that_keeps_the_strength():
-    creeping = footfalls(turned(np.deg2rad(1.5) * np.arange(40)))
-    assert judge_field(creeping, DETECTORS["ma2018"]).quasi_static[9:].all()
-    assert not judge_field(creeping, replace(DETECTORS["ma2018"], window=9)).quasi_static.any()
-    turning = footfalls(turned(np.deg2rad(20) * np.arange(30)))
-    assert judge_field(turning, "qsf").quasi_static[3:].all()
-    assert not judge_field(turning, "ma2018").quasi_static.any()
 
 
 @pytest.mark.parametrize("name", DETECTORS)
@@ -198,17 +178,6 @@ def test_two_samples_of_the_field_are_a_mean_and_no_slope():
     assert verdicts.quasi_static[7:].all()
 
 
-@pytest.mark.parametrize("name", DETECTORS)
-def test_a_walk_too_short_to_be_judged_is_not(name):
-    for n in (1, 2, 3):
-        verdicts = judge_field(footfalls(still(n)), name)
-        assert len(verdicts) == n
-        assert not verdicts.judged[: DETECTORS[name].rows - 1].any()
-        nothing = judge_field(footfalls(np.full((n, 3), np.nan)), name)
-        assert not nothing.judged.any()
-        assert nothing.words == ("none",) * n
-
-
 def test_names_and_numbers_that_cannot_be():
     for words, make in {
         "no detector 'qfs': choose one of qsf, iqsf": lambda: judge_field(footfalls(still(5)), "qfs"),
@@ -263,6 +232,8 @@ def test_a_lasting_deviation_is_accepted_in_the_end_and_a_greater_one_later():
         passed = judge_field(walk, detector).quasi_static & beside
         wide = deviation**2 / detector.threshold - detector.channels[0].sigma ** 2
         assert walk.t[np.argmax(passed)] == pytest.approx(wide / HEADING_DRIFT**2, rel=0.07)
+        locked = replace(detector, counts_drift=False)  # AIEZ (17) as printed, by sigma alone: never accepted
+        assert not judge_field(walk, locked).quasi_static[beside].any()
 
 
 def verdicts(*statistic):
@@ -411,20 +382,6 @@ def test_the_printed_statistics_are_those_of_their_equations():
     assert alone(replace(DETECTORS["aiez-printed"], window=N), y / 0.5) == pytest.approx(product)
 
 
-def test_absolute_changes_are_not_the_gaussians_of_equation_16():
-    """|v| is half-normal, of mean 0.8 sigma: the window mean of Ma (20) sees a change in a field that does not.
-
-    One Gaussian squared has the mean 1 that Ma (16) promises whatever the window; with absolutes it grows with it.
-    """
-    for window in (3, 12):
-        change = rng().standard_normal((30_000, window + 1))
-        change[:, 0] = 0.0
-        found = alone(replace(PRINTED, window=window), np.cumsum(change, axis=1)).mean()
-        assert found == pytest.approx(1 + (window - 1) * 2 / np.pi, rel=0.02)
-        ours = replace(OURS, window=window)
-        assert alone(ours, rng(2).standard_normal((30_000, ours.rows))).mean() == pytest.approx(window, rel=0.02)
-
-
 def test_170_lets_a_field_pass_that_turns_by_28_degrees_a_step_and_has_no_false_alarm_rate():
     """Ma (23) integrates a density whose estimate is made of the data: at 170 its "probability" is 10. Ours has one."""
     for step_deg, printed, ours in ((28.0, True, False), (30.0, False, False), (1.0, True, True)):
@@ -461,21 +418,3 @@ def test_pure_is_only_what_agrees_with_the_inertial_heading(name):
     wrong_later = footfalls(turned(np.deg2rad(40.0) * (np.arange(20) >= ALIGNMENT_FOOTFALLS)))
     assert judge_field(wrong, name).quasi_static[3:].all()
     assert not judge_field(wrong_later, name).quasi_static.any()
-
-
-def test_the_printed_offset_locks_out_once_the_inertial_heading_has_drifted():
-    """Out of the disturbance after five minutes the compass is right again; with sigma alone it is never accepted."""
-    n = 400
-    beside = (np.arange(n) > 20) & (np.arange(n) < 300)
-    drift = np.where(np.arange(n) > 20, np.deg2rad(0.02) * (np.arange(n) - 20), 0.0)  # 6 deg until then, and on
-    walk = footfalls(turned(np.deg2rad(60.0) * beside), drift=drift)
-    detector = DETECTORS["aiez"]
-    locked = replace(detector, counts_drift=False)
-    limit = np.sqrt(detector.threshold) * np.degrees(detector.channels[0].sigma)
-    out = np.degrees(drift[300])
-    assert 0.8 * limit < out
-    further = footfalls(turned(np.deg2rad(60.0) * beside), drift=1.5 * drift)
-    assert judge_field(walk, detector).quasi_static[300:].all()
-    assert judge_field(further, detector).quasi_static[300:].all()
-    assert not judge_field(further, locked).quasi_static[300:].any()
-    assert not judge_field(walk, detector).quasi_static[beside].any()
