@@ -156,14 +156,6 @@ def test_what_a_straight_walk_and_the_same_places_again_do_not_show_is_in_the_si
     assert (half - none) / (whole - none) == pytest.approx(0.45, abs=0.06)  # and fields absorbed, which are fewer
 
 
-def test_a_single_magnet_does_not_move_it():
-    walk = walked(round_walk(), 7)
-    reading = walk.reading.copy()
-    reading[40] += [150.0, -80.0, 60.0]
-    before, after = calibrate_on_walk(walk), calibrate_on_walk(replace(walk, reading=reading))
-    np.testing.assert_allclose(after.hard_iron_uT, before.hard_iron_uT, atol=0.5)
-
-
 def test_a_short_walk_is_refused():
     walk = walked(round_walk(30), 10)
     for strides in (0, 1, 19):

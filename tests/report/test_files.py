@@ -272,18 +272,6 @@ class Screen(io.StringIO):
         return True
 
 
-def test_table_has_a_column_for_each_method(walk: Walk, capsys: pytest.CaptureFixture[str]) -> None:
-    for one in (walk, walks.without_truth(walk)):
-        outcomes = [walks.outcome(one, "smoother", 1.0), walks.outcome(one, "iez", 3.0)]
-        terminal.print_results([summarize(one, outcome) for outcome in outcomes], Path("results"))
-        lines = capsys.readouterr().out.splitlines()
-        assert lines[0].split() == ["smoother", "iez"]
-        rows = [line.split() for line in lines if line.startswith("rmse 2-D (m)")]
-        assert len(rows) == (one is walk)
-        assert all(0 < float(row[-2]) < float(row[-1]) for row in rows)
-    assert "start to end (m)" in "\n".join(lines)
-
-
 def test_notes_say_whose_they_are() -> None:
     several = [{"method": "a", "notes": ["one", "two"]}, {"method": "b", "notes": ["three", "two"]}]
     assert collect_notes(several) == [("", "two"), ("a", "one"), ("b", "three")]

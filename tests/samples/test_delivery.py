@@ -119,15 +119,6 @@ def test_a_replay_is_known_up_to_where_it_was_interrupted_whatever_the_clock_did
         assert judge.counts == uninterrupted.counts
 
 
-@pytest.mark.parametrize("saved", [20, 305, 451, 650, 700, 1300])
-@pytest.mark.parametrize("back", [0, 2, 10, 150])
-def test_a_source_that_goes_on_some_way_back_or_at_once_loses_nothing(saved, back):
-    rows = odd_rows()
-    whole = np.concatenate(admitted(Intake(), rows, 11))
-    taken, _, _ = resumed(rows, saved, rows[max(saved - back, 0) :])
-    np.testing.assert_array_equal(taken, whole)
-
-
 def test_a_source_that_goes_on_later_leaves_a_gap_and_no_more():
     rows = restarting(600)
     for saved in (400, 800):
@@ -150,18 +141,6 @@ def test_a_sensor_switched_off_and_on_is_carried_on_after_a_gap():
     np.testing.assert_allclose(sensor_t, np.delete(rows[:, 0], np.s_[700:begins]), rtol=0, atol=1e-9)
 
 
-def test_a_foot_that_stands_before_and_after_does_not_hide_that_the_sensor_was_off():
-    rng = np.random.default_rng(3)
-    rows = np.column_stack([0.01 * np.arange(800), np.tile([0.0, 0.0, 9.8], (800, 1)), np.zeros((800, 7))])
-    rows[:, 1:7] += 0.01 * rng.normal(size=(800, 6))
-    rows[:, 7:] = np.nan
-    rows[400:, 0] -= 3.9
-    assert resumed(rows, 400, rows[400:])[1].counts["rebooted"] == 1
-    whole = Intake()
-    admitted(whole, rows, 50)
-    assert whole.counts["restart"] == 1
-
-
 def test_where_the_last_rows_were_lost_the_walk_goes_on():
     for lost, until in ((np.s_[690:720], None), (np.s_[690:710], 780)):
         rows = rows_of(short_walk())[:until]
@@ -177,27 +156,6 @@ def test_a_clock_that_restarted_behind_lost_rows_loses_no_more_than_those_that_s
         assert judge.counts["rebooted"] == 1
         assert overlap.left_out == 690
         np.testing.assert_array_equal(taken[700:, 1:COLUMNS], rows[710 + 99 :, 1:])
-
-
-@pytest.mark.parametrize(("block", "until"), [(1, 450), (40, 800), (40, 1486), (5000, 450), (5000, 1486)])
-def test_what_was_lost_before_and_comes_now_is_too_late(block, until):
-    """Two seconds, longer than what shows that the last rows were lost; before a restart, and after."""
-    rows = restarting(600)
-    heard = np.delete(rows, np.s_[300:500], axis=0)
-    taken, judge, overlap = resumed(heard, 800, rows[:until], block)
-    known = np.concatenate(admitted(Intake(), heard, 13))
-    np.testing.assert_array_equal(taken, known[: max(800, until - 200)])
-    assert overlap.left_out == min(until, 1000)
-    assert judge.counts["restart"] == 1
-
-
-def test_samples_that_are_missing_are_counted_once_though_they_come_again():
-    rows = rows_of(short_walk())[:720].copy()
-    rows[[3, 200, 690, 705, 712], 2] = np.nan
-    for block in (1, 7, 50, 5000):
-        for then in (rows, rows[700:]):
-            _, judge, _ = resumed(rows, 700, then, block)
-            assert judge.counts["missing"] == 5
 
 
 @pytest.mark.parametrize(("step_s", "changes"), [(36000.0, 0), (1.7e9, 1)])
