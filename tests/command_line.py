@@ -1,5 +1,7 @@
 """How tests call the command line."""
 
+from __future__ import annotations
+
 import os
 import subprocess
 import sys
@@ -15,6 +17,11 @@ class Ran:
     code: int
     out: str
     err: str
+
+    def succeeded(self) -> Ran:
+        """The same, of exit code 0."""
+        assert self.code == 0, self.err
+        return self
 
     def refused(self, *words: str) -> bool:
         """Exit code 1, one line on standard error that says all `words`, and nothing else."""

@@ -6,7 +6,6 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-import pytest
 import typer
 
 import fg_nav
@@ -19,10 +18,10 @@ from fg_nav.cli import app
 from fg_nav.commands import requests
 from fg_nav.ekf.presets import PRESETS
 from fg_nav.estimators import METHODS, RTS
-from fg_nav.io import FORMATS, write_canonical
+from fg_nav.io import FORMATS
 from fg_nav.lab import verbs as laboratory
 from fg_nav.lab.field_survey import SURVEYED
-from fg_nav.lab.simulation import SCENARIOS, simulate
+from fg_nav.lab.simulation import SCENARIOS
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.lab.verbs.allan import ALLAN_FILES
 from fg_nav.lab.verbs.detect import DETECT_FILES
@@ -148,16 +147,6 @@ def test_pages_name_every_option_and_no_other() -> None:
     told = "\n".join(text for page, text in pages.items() if page.name != "CHANGELOG.md")
     every = sorted({opt for own in options.values() for opt in own if opt.startswith("--")})
     assert [opt for opt in every if not re.search(f"{opt}(?![\\w-])", told)] == []
-
-
-def test_python_example_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (code,) = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
-    write_canonical(simulate("demo", 2).recording, tmp_path / "walk.csv")
-    monkeypatch.chdir(tmp_path)
-    exec(code, {})
-    assert "strides_detected" in capsys.readouterr().out
 
 
 def test_help_and_tables_have_every_method_and_preset() -> None:

@@ -121,7 +121,6 @@ def test_every_citation_in_the_code_has_a_row_that_names_its_file():
 
 
 def test_equations_are_cited_in_one_style():
-    """`Ma (26)`, so that grep finds all of them."""
     other = re.compile(r"\b(?:Ma|AIEZ|Zhang|Munoz Diaz|MD)(?:'s)?(?: \d{4})?,? (?:Eqs?\.|[Ee]quations?) ?\(?\d+")
     for path in (
         path for folder in ("fg_nav", "factors", "tests", "scripts") for path in (ROOT / folder).rglob("*.py")

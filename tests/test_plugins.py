@@ -53,8 +53,7 @@ def test_a_method_of_another_package_is_run_by_its_name_and_refuses_what_it_does
 ) -> None:
     walk, out = tmp_path / "walk.csv", tmp_path / "out"
     write_canonical(simulate("demo", 1).recording.slice(0, 2000), walk)
-    ran = fg_nav("run", walk, "--method", "standing", "--out", out, "--json")
-    assert ran.code == 0, ran.err
+    ran = fg_nav("run", walk, "--method", "standing", "--out", out, "--json").succeeded()
     summary = json.loads(ran.out)
     assert (summary["method"], summary["distance_m"]) == ("standing", 0.0)
     again = fg_nav("run", walk, "--config", out / "config.json", "--out", tmp_path / "again", "--json")
@@ -95,8 +94,7 @@ def test_a_detector_of_another_package_is_a_gate() -> None:
 def test_an_export_of_another_package_is_there_for_the_command_and_for_a_solution(
     fg_nav: FgNav, folder: Path, tmp_path: Path
 ) -> None:
-    ran = fg_nav("export", folder, "walk.wkt", "--json")
-    assert ran.code == 0, ran.err
+    ran = fg_nav("export", folder, "walk.wkt", "--json").succeeded()
     assert json.loads(ran.out)["files"] == ["walk.wkt"]
     kind, _, points = Path("walk.wkt").read_text().strip().rstrip(")").partition(" (")
     assert kind == "LINESTRING Z"

@@ -1,15 +1,17 @@
-"""The names of the package: what they say of themselves, and that what they show there is so."""
+"""The names of the package and the examples: what they say of themselves, and that what they show there is so."""
 
 import doctest
 import importlib.util
 import inspect
 import re
+import runpy
 from collections.abc import Callable
 from functools import cache, wraps
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
@@ -86,7 +88,6 @@ def test_examples_are_true(walk: Recording) -> None:
 
 
 def test_the_page_on_python_is_true(walk: Recording, capsys: pytest.CaptureFixture[str]) -> None:
-    """From a table in ms, g and deg/s to a picture with an own factor, and all else on the page."""
     whole = simulate("demo", 1).recording
     samples = np.column_stack([1e3 * whole.t, whole.acc / GRAVITY_M_S2, np.degrees(whole.gyr)])
     pd.DataFrame(samples, columns=["t", "ax", "ay", "az", "gx", "gy", "gz"]).to_csv("shoe.csv", index=False)
@@ -102,6 +103,12 @@ def test_the_page_on_python_is_true(walk: Recording, capsys: pytest.CaptureFixtu
     assert np.abs(names["walk"].solution.stances.position[-1, 2]) < 0.02
     assert len(walk) == len(names["solution"].t)
     assert "(6, 6)" in capsys.readouterr().out
+
+
+def test_the_example_of_the_readme_runs(walk: Recording, capsys: pytest.CaptureFixture[str]) -> None:
+    (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    exec(code, {})
+    assert "strides_detected" in capsys.readouterr().out
 
 
 def test_a_solution_alone_is_saved_and_drawn(walk: Recording) -> None:
@@ -154,3 +161,40 @@ def test_what_is_printed_is_a_line_and_a_notebook_shows_a_table(walk: Recording)
     drawn = np.array([corner.split(",") for corner in corners], dtype=float)
     seen, walked = np.ptp(drawn, axis=0), np.ptp(result.outcome.comparison.estimate[:, :2], axis=0)
     np.testing.assert_allclose(seen / seen.max(), walked / walked.max(), atol=0.01)  # to scale
+
+
+EXAMPLES = {path.stem: path for path in sorted((Path(__file__).parents[1] / "docs/examples").glob("*.py"))}
+WITH_THE_SITE = ("06_live", "07_pocket", "09_pyshoe")
+"""Half a minute of compiling, a second layer of the online smoother, recordings of others."""
+
+SAID = {
+    "01_first_walk": "verdict: trusted",
+    "02_own_arrays": "left out 1 missing sample, the first in row 4001",
+    "03_own_factor": "tied     sigma",
+    "04_calibrate_magnetometer": "hard iron (uT)",
+    "05_ros_bag": "ros 4000 samples",
+    "08_compare_with_filter": "iez      rmse",
+    "10_own_graph": "batch    ends 0.",
+}
+
+
+@pytest.fixture(scope="module")
+def shared() -> dict[str, object]:
+    """Walks that are simulated, and solved, once for all examples."""
+    return {"simulate": cache(fg_nav.simulate), "navigate": once(fg_nav.navigate)}
+
+
+@pytest.mark.parametrize("name", [name for name in EXAMPLES if name not in WITH_THE_SITE])
+def test_examples_run(
+    name: str, shared: dict[str, object], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if "ros" in name:
+        pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
+    for public, function in shared.items():
+        monkeypatch.setattr(fg_nav, public, function, raising=False)
+    monkeypatch.setitem(mpl.rcParams, "backend", "agg")
+    runpy.run_path(str(EXAMPLES[name]))
+    plt.close("all")
+    assert SAID[name] in capsys.readouterr().out
+    longest = 60 if name == "10_own_graph" else 40
+    assert len(EXAMPLES[name].read_text(encoding="utf-8").splitlines()) <= longest

@@ -1,14 +1,18 @@
-"""The door from a file's samples to a recording: each kind of bad input has its sentence."""
+"""From samples of files, arrays and data frames to a recording: each kind of bad input has its sentence."""
 
+import doctest
+import importlib
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fg_nav.errors import RecordingError
+from fg_nav.errors import FgNavError, FormatError, RecordingError
+from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Provenance, RawRecording, Recording
 from fg_nav.samples.stamps import MAX_BRIDGED_S, order_stamps
 from tests.io.samples import tilting
@@ -136,7 +140,6 @@ def test_stamps_that_all_but_coincide_are_one() -> None:
 
 
 def test_a_recording_that_jumps_where_its_clock_begins_again_is_cut() -> None:
-    """Two recordings in one file: the foot stands in two ways."""
     t, acc, gyr = RAW.t.copy(), RAW.acc.copy(), RAW.gyr.copy()
     t[300:] -= t[300]
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]) @ np.diag([1.0, -1.0, -1.0])
@@ -233,3 +236,90 @@ def test_recording_is_valid_by_construction() -> None:
 def test_small_calibration_errors_pass(at: int, bias: float, gravity: float) -> None:
     raw = replace(RAW, acc=RAW.acc * gravity / 9.80665, gyr=RAW.gyr + bias)
     assert len(Recording.from_raw(_only(raw, np.arange(at, at + 100)))) == 100
+
+
+OWN = tilting(np.random.default_rng(41), duration_s=4.0, rate_hz=100.0, still_s=1.0)
+ACC_G, GYR_DEG_S = OWN.acc / GRAVITY_M_S2, np.degrees(OWN.gyr)
+
+
+def is_the_same(recording: Recording, mag: bool = True) -> bool:
+    np.testing.assert_allclose(recording.t, OWN.t, atol=1e-9)
+    np.testing.assert_allclose(recording.acc, OWN.acc, rtol=1e-12)
+    np.testing.assert_allclose(recording.gyr, OWN.gyr, rtol=1e-12)
+    if mag:
+        np.testing.assert_allclose(recording.mag, OWN.mag, rtol=1e-12)
+    return (recording.mag is not None) == mag
+
+
+def frame_of(*names: str) -> pd.DataFrame:
+    return pd.DataFrame(np.column_stack([OWN.t * 1e3, ACC_G, GYR_DEG_S]), columns=list(names))
+
+
+def test_examples_in_docstrings_run():
+    for name in ("columns.headers", "columns.mapping"):
+        found = doctest.testmod(importlib.import_module(f"fg_nav.{name}"), extraglobs={"pd": pd})
+        assert found.attempted > 0
+        assert found.failed == 0
+
+
+def test_arrays_in_si_and_in_other_units():
+    assert is_the_same(Recording.from_arrays(OWN.t, OWN.acc, OWN.gyr, OWN.mag))
+    own = (OWN.t * 1e6, ACC_G, GYR_DEG_S, OWN.mag / 100)
+    assert is_the_same(Recording.from_arrays(*own, units="us, g, deg/s, gauss"))
+    assert is_the_same(Recording.from_arrays(*own, units={"time": "µs", "acc": "g", "gyr": "°/s", "mag": "G"}))
+    lists = [array.tolist() for array in (OWN.t, OWN.acc, OWN.gyr)]
+    assert is_the_same(Recording.from_arrays(*lists), mag=False)
+    t = np.datetime64("2026-01-01T10:00") + (OWN.t * 1e9).astype("timedelta64[ns]")  # whatever the unit
+    recording = Recording.from_arrays(t, ACC_G, OWN.gyr, units={"acc": "g"})
+    np.testing.assert_allclose(recording.t - recording.t[0], OWN.t, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("own", "units", "words"),
+    [
+        ((OWN.t[:-1], OWN.acc, OWN.gyr), None, r"acc has shape \(400, 3\), not \(399, 3\)"),
+        ((OWN.acc, OWN.acc, OWN.gyr), None, r"t has shape \(400, 3\), not \(N,\)"),
+        ((OWN.t, ACC_G, OWN.gyr), None, "acc seems to be in g"),
+        ((OWN.t, OWN.acc, OWN.gyr), "furlong", "'furlong' is no unit"),
+        ((OWN.t, OWN.acc, OWN.gyr), {"acc": "deg/s"}, "no unit 'deg/s' of acc"),
+        ((OWN.t, OWN.acc, OWN.gyr), {"force": "g"}, "units name 'force'"),
+        ((OWN.t, OWN.acc, [["a", 0, 0]] * 400), None, "row 1, column 'gyr': 'a' is not a number"),
+        ((OWN.t, OWN.acc, None), None, "gyr"),
+    ],
+)
+def test_arrays_that_are_no_recording(own, units, words):
+    with pytest.raises((RecordingError, FormatError), match=words):
+        Recording.from_arrays(*own, units=units)
+
+
+def test_data_frames_by_their_names():
+    assert is_the_same(Recording.from_dataframe(frame_of("t", "ax", "ay", "az", "gx", "gy", "gz")), mag=False)
+    named = frame_of("Time [ms]", *(f"Acc {a} [g]" for a in "XYZ"), *(f"Gyr {a} (deg/s)" for a in "XYZ"))
+    named[["mx (uT)", "my (uT)", "mz (uT)"]] = OWN.mag
+    recording = Recording.from_dataframe(named)
+    assert is_the_same(recording)
+    assert recording.provenance.notes == ()
+    odd, columns = frame_of("stamp", *"abcdef"), {"acc": ["a", "b", "c"], "gyr": ["d", "e", "f"]}
+    assert is_the_same(Recording.from_dataframe(odd, "time=stamp[ms],acc=a:b:c[g],gyr=d:e:f[deg/s]"), mag=False)
+    assert is_the_same(Recording.from_dataframe(odd, columns, "g, deg/s", rate_hz=100.0), mag=False)
+    dated = named.iloc[:, 1:].set_index(pd.to_datetime(OWN.t, unit="s"))
+    assert is_the_same(Recording.from_dataframe(dated))
+    two = named.iloc[:, :7].set_axis(
+        pd.MultiIndex.from_tuples([("", "t"), *((s, a) for s in ("acc", "gyr") for a in "xyz")]), axis=1
+    )
+    assert is_the_same(Recording.from_dataframe(two, units="ms, g, deg/s"), mag=False)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda df: df.drop(columns="gy"), "not all three axes of angular rate, only 'gx', 'gz'.*columns="),
+        (lambda df: df.drop(columns="t"), "no stamps: give its rate, such as rate_hz=100"),
+        (lambda df: df.astype({"ay": object}).replace({"ay": {df["ay"][7]: "oops"}}), "row 8, column 'ay'"),
+        (lambda df: df.assign(gx=0.01, gy=0.0, gz=0.0), "gyr .*names no unit.*columns="),
+        (lambda df: df.iloc[:0], "fg-nav|usable|stamps|unit|rest"),
+    ],
+)  # fmt: skip
+def test_data_frames_that_leave_something_open(change, words):
+    with pytest.raises(FgNavError, match=words):
+        Recording.from_dataframe(change(frame_of("t", "ax", "ay", "az", "gx", "gy", "gz")))

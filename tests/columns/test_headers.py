@@ -1,10 +1,12 @@
-"""What the names of columns say, one by one and of a whole table."""
+"""What the names of columns and words of units say, one by one and of a whole table."""
 
+import numpy as np
 import pytest
 
-from fg_nav.columns.headers import read_header
+from fg_nav.columns.headers import KNOWN_UNITS, find_factor, find_quantity, read_header
 from fg_nav.columns.mapping import Hints, choose_columns, parse_columns, write_mapping
 from fg_nav.errors import FormatError
+from fg_nav.frames import GRAVITY_M_S2
 
 HINTS = Hints("walk.csv", "fg-nav inspect walk.csv --columns")
 PLAIN = ["t", "ax", "ay", "az", "gx", "gy", "gz"]
@@ -57,56 +59,25 @@ def test_a_table_of_plain_letters():
     assert write_mapping(columns, acc="g", gyr="deg/s", time="ms") == "time=t[ms],acc=ax:ay:az[g],gyr=gx:gy:gz[deg/s]"
 
 
-def test_a_clock_by_its_name_is_preferred_to_one_by_its_unit_alone():
-    for names in (["exposure (ms)", "sampled (s)", *PLAIN], [*PLAIN, "exposure (ms)", "sampled (s)"]):
-        assert choose_columns(names, HINTS).time.names == ("t",)
-
-
-def test_any_order_numbered_axes_and_one_unit_of_all():
-    names = ["gyr2 (deg/s)", "gyr0 (deg/s)", "gyr1 (deg/s)", "acc 3", "acc 2", "acc 1", "mag x [uT]", "sample"]
-    columns = choose_columns(names, HINTS)
-    assert columns.gyr.positions == (1, 2, 0)
-    assert columns.gyr.unit == "deg/s"
-    assert columns.acc.positions == (5, 4, 3)
-    assert columns.mag is None
-    assert columns.counter is not None
-
-
-def test_calibrated_before_raw_and_gravity_before_none():
-    names = [*PLAIN, *(f"{what}_{a}" for what in ("lin_acc", "mag", "mag_raw") for a in "xyz")]
-    columns = choose_columns(names, HINTS)
-    assert columns.acc.names == ("ax", "ay", "az")
-    assert columns.mag.names == ("mag_x", "mag_y", "mag_z")
-
-
-def test_linear_acceleration_next_to_angular_velocity_is_that_of_ros():
-    names = ["field.header.stamp", "%time"]
-    names += [f"field.{what}.{axis}" for what in ("linear_acceleration", "angular_velocity") for axis in "xyz"]
-    columns = choose_columns(names, HINTS)
-    assert columns.acc.names[0] == "field.linear_acceleration.x"
-    assert columns.time.names == ("field.header.stamp",)
-
-
-@pytest.mark.parametrize(
-    ("names", "words"),
-    [
-        ([*PLAIN, "acc_x", "acc_y", "acc_z"], r"more than one acceleration \('ax', 'ay', 'az'|'acc_x'"),
-        ([*PLAIN, *(f"right_{name}" for name in PLAIN[1:])], r"more than one acceleration.*'right_ax'"),
-        (["t", *(f"lin_acc_{a}" for a in "xyz"), *PLAIN[4:]], "acceleration without gravity .*'lin_acc_x'"),
-        (PLAIN[:6], r"not all three axes of angular rate, only 'gx', 'gy'.*--columns \"gyr=NAME:NAME:NAME"),
-        (PLAIN[:4], r"no column for angular rate among 't', 'ax', 'ay', 'az'.*--columns \"gyr=NAME:NAME:NAME"),
-        (["time", *PLAIN], r"more than one time \('time', 't'\)"),
-    ],
-)  # fmt: skip
-def test_what_names_leave_open_is_asked(names, words):
-    with pytest.raises(FormatError, match=words) as caught:
-        choose_columns(names, HINTS)
-    assert 'fg-nav inspect walk.csv --columns "' in str(caught.value) or "gravity" in str(caught.value)
-
-
-def test_one_of_several_sensors():
-    names = ["t", *(f"{foot}_{name}" for foot in ("left", "right") for name in PLAIN[1:])]
-    assert choose_columns(names, HINTS, sensor="Right").acc.positions == (7, 8, 9)
+def test_the_better_of_two_is_taken_in_any_order() -> None:
+    """A clock by its name before one by its unit, calibrated before raw, gravity before none; unless ROS says so."""
+    spare = [f"{what}_{a}" for what in ("lin_acc", "mag", "mag_raw") for a in "xyz"]
+    ros = [f"field.{what}.{axis}" for what in ("linear_acceleration", "angular_velocity") for axis in "xyz"]
+    numbered = ["gyr2 (deg/s)", "gyr0 (deg/s)", "gyr1 (deg/s)", "acc 3", "acc 2", "acc 1", "mag x [uT]", "sample"]
+    feet = ["t", *(f"{foot}_{name}" for foot in ("left", "right") for name in PLAIN[1:])]
+    for names, sensor, time, acc, gyr, mag in (
+        (["exposure (ms)", "sampled (s)", *PLAIN], None, (2,), (3, 4, 5), (6, 7, 8), None),
+        ([*PLAIN, "exposure (ms)", "sampled (s)"], None, (0,), (1, 2, 3), (4, 5, 6), None),
+        (numbered, None, None, (5, 4, 3), (1, 2, 0), None),
+        ([*PLAIN, *spare], None, (0,), (1, 2, 3), (4, 5, 6), (10, 11, 12)),
+        (["field.header.stamp", "%time", *ros], None, (0,), (2, 3, 4), (5, 6, 7), None),
+        (feet, "Right", (0,), (7, 8, 9), (10, 11, 12), None),
+    ):
+        columns = choose_columns(names, HINTS, sensor=sensor)
+        found = (columns.time, columns.acc, columns.gyr, columns.mag)
+        assert [channel and channel.positions for channel in found] == [time, acc, gyr, mag], names
+    assert choose_columns(numbered, HINTS).gyr.unit == "deg/s"
+    assert choose_columns(numbered, HINTS).counter is not None
 
 
 def test_a_mapping_finds_names_in_any_case_and_without_their_unit():
@@ -117,8 +88,8 @@ def test_a_mapping_finds_names_in_any_case_and_without_their_unit():
     assert (columns.time.unit, columns.acc.unit, columns.gyr.unit) == ("ms", "g", "deg/s")
     found = parse_columns("acc=Acc X [g]:Acc Y [g]:Acc Z [g],gyr=a:b:c").find(names, "walk.csv")
     assert found["acc"].positions == (1, 2, 3)
-    mixed = ["t", "Acc X [g]", "Acc Y [m/s^2]", "Acc Z [g]"]
-    assert parse_columns("acc=2:3:4").find(mixed, "walk.csv")["acc"].unit is None  # of two units none is that of all
+    mixed = ["Acc X [g]", "Acc Y [mg]", "Acc Z [g]"]  # of two units neither is that of all
+    assert parse_columns("acc=1:2:3").find(mixed, "walk.csv")["acc"].unit is None
     # what a mapping leaves out is what the names say
     completed = choose_columns(names, HINTS, given=parse_columns("gyr=a:b:c[deg/s]"))
     assert (completed.acc, completed.time) == (columns.acc, columns.time)
@@ -149,3 +120,52 @@ def test_what_is_written_can_be_read():
 def test_mappings_that_fit_no_table(words, problem):
     with pytest.raises(FormatError, match=problem):
         parse_columns(words).find(["a", "b", "c", "d", "d", "f"], "walk.csv")
+
+
+DEGREE = np.pi / 180
+
+
+@pytest.mark.parametrize(
+    ("quantity", "words", "factor"),
+    [
+        ("acc", "m/s^2, m/s², m/s2, m/(s^2), [m/s**2], M/S2, m/s/s, m s^-2, m·s⁻², meters/second^2, m/s�, m/sÂ²", 1.0),
+        ("acc", "g, G, (g)", GRAVITY_M_S2),
+        ("acc", "mg, milli g", 1e-3 * GRAVITY_M_S2),
+        ("acc", "cm/s2, cm/s^2", 1e-2),
+        ("gyr", "rad/s, rad s-1, radians per second, rad/sec, RAD/S, rad.s^-1", 1.0),
+        ("gyr", "deg/s, °/s, º/s, dps, degrees/sec, Â°/s, �/s, deg_s-1", DEGREE),
+        ("gyr", "mdps, mdeg/s", 1e-3 * DEGREE),
+        ("mag", "uT, µT, μT, microtesla, Î¼T, �T, UT", 1.0),
+        ("mag", "nT, nanoTesla", 1e-3),
+        ("mag", "mT", 1e3),
+        ("mag", "T, tesla", 1e6),
+        ("mag", "G, gauss, Gs, Gauss", 100.0),
+        ("mag", "mG, mgauss, milligauss", 0.1),
+        ("time", "s, sec, seconds, (s)", 1.0),
+        ("time", "ms, msec, milliseconds, millis", 1e-3),
+        ("time", "us, µs, μs, usec, micros, microseconds", 1e-6),
+        ("time", "ns, nanos", 1e-9),
+        ("time", "min, minutes", 60.0),
+    ],
+)
+def test_spellings(quantity, words, factor):
+    for word in words.split(", "):
+        assert find_factor(quantity, word) == pytest.approx(factor, rel=1e-15), word
+
+
+def test_units_of_no_size_and_of_another_quantity():
+    assert all(np.isnan(find_factor("mag", word)) for word in ("a.u.", "a.u", "arb. u.", "local_flux"))
+    for quantity, word in (("acc", "deg/s"), ("gyr", "deg"), ("time", ""), ("mag", "furlong")):
+        assert find_factor(quantity, word) is None
+
+
+def test_units_without_a_quantity():
+    assert [find_quantity(word) for word in ("ms", "g", "mg", "G", "mG", "deg/s", "uT", "counts")] == [
+        *("time", "acc", "acc", "mag", "mag", "gyr", "mag"),
+        None,
+    ]
+
+
+def test_the_words_of_messages_are_known():
+    for quantity, words in KNOWN_UNITS.items():
+        assert all(find_factor(quantity, word) for word in words.split(", "))

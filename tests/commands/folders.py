@@ -6,10 +6,6 @@ from typing import Any
 
 import pandas as pd
 
-from fg_nav.io import write_tum
-from fg_nav.recording import Recording
-from fg_nav.truth import TrajectoryTruth
-
 METHOD_FILES = {"trajectory.tum", "strides.csv", "gait.csv", "summary.json", "config.json"}
 PICTURES = {"trajectory.png", "heading.png", "gyro_bias.png"}
 
@@ -30,10 +26,3 @@ def config(folder: str | Path) -> dict[str, Any]:
 
 def strides(folder: str | Path, name: str = "strides.csv") -> pd.DataFrame:
     return pd.read_csv(Path(folder, name), keep_default_na=False, na_values=[""])
-
-
-def write_truth(path: Path, recording: Recording, later_s: float = 0.0) -> None:
-    truth = recording.truth
-    assert isinstance(truth, TrajectoryTruth)
-    assert truth.nav_R_body is not None
-    write_tum(path, truth.t + later_s, truth.position, truth.nav_R_body)

@@ -1,7 +1,6 @@
 """One contract for all methods, mounts and formats: `run`, `compare` and `stream` of one walk say the same of it."""
 
 import json
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -10,26 +9,18 @@ import pytest
 
 from fg_nav.estimators import METHODS, Method
 from fg_nav.io import read_raw, write_canonical
-from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.recording import RawRecording, Recording
 from tests.command_line import FgNav, names
-from tests.commands.folders import METHOD_FILES, PICTURES, config, strides, summary, write_truth
+from tests.commands.folders import METHOD_FILES, PICTURES, config, strides, summary
+from tests.commands.recordings import recorded, recording, truth_of
 from tests.io.samples import tilting, write_sensorconnect, write_table
-from tests.online.walks import short_walk, whole_walk
+from tests.online.walks import whole_walk
 from tests.smoother.test_fixes import demo, fixes_at
 
 pytestmark = pytest.mark.usefixtures("solved_here")
 
 POLISHED = {"trajectory_polished.tum", "strides_polished.csv"}
 NO_PLOTS = ("--plots", "none")
-
-
-@cache
-def part(mount: str) -> Recording:
-    """Half a minute of corridors."""
-    if mount == "foot":
-        return simulate("demo", 5).recording.slice(0, 4000)
-    return simulate("demo", 103, Choices(worn="pocket", rate_hz=100.0)).recording.slice(0, 3500)
 
 
 def keeps_the_contract(folder: Path, recording: Recording, method: Method) -> bool:
@@ -49,48 +40,33 @@ def keeps_the_contract(folder: Path, recording: Recording, method: Method) -> bo
     assert said["rmse_2d_m"] < (1.0 if method.mount == "foot" else 5.0)
     np.testing.assert_allclose(path[[0, -1], 0], recording.t[[0, -1]], atol=1e-6)
     known = config(folder)
-    assert (known["format"], Path(known["recording"]).stem) == ("canonical", "walk")
+    assert (known["format"], Path(known["recording"]).stem) == (
+        "canonical",
+        "part" if method.mount == "foot" else "pocket",
+    )
     return bool(known["parameters"])
 
 
 def test_every_method_on_a_foot_keeps_one_contract(fg_nav: FgNav) -> None:
-    """Also that of one method alone: all files are the same but for the time that it took."""
-    write_canonical(part("foot"), Path("walk.csv"))
-    write_truth(Path("truth.tum"), part("foot"))
-    methods, truth = METHODS["foot"], ("--truth", "truth.tum", *NO_PLOTS)
-    ran = fg_nav("compare", "walk.csv", "--methods", ", ".join(methods), *truth, "--out", "all")
-    assert ran.code == 0, ran.err
+    methods, truth = METHODS["foot"], ("--truth", truth_of("part"), *NO_PLOTS)
+    fg_nav("compare", recorded("part"), "--methods", ", ".join(methods), *truth, "--out", "all").succeeded()
     table = pd.read_csv("all/comparison.csv").set_index("method")
     assert list(table.index) == list(methods)
     for name, method in methods.items():
-        assert keeps_the_contract(Path("all", name), part("foot"), method), name
+        assert keeps_the_contract(Path("all", name), recording("part"), method), name
         assert table["rmse_2d_m"][name] == pytest.approx(summary(Path("all", name))["rmse_2d_m"])
     assert len({json.dumps(config(Path("all", one))["detector"]) for one in methods}) == 1  # on the same stances
     for name in ("smoother", "online", "iez-rts"):
-        assert fg_nav("run", "walk.csv", "--method", name, *truth, "--out", name).code == 0
+        fg_nav("run", recorded("part"), "--method", name, *truth, "--out", name).succeeded()
         for file in ("trajectory.tum", "strides.csv"):
             assert Path(name, file).read_text() == Path("all", name, file).read_text()
 
 
 @pytest.mark.parametrize("method", METHODS["pocket"].values(), ids=lambda method: method.name)
 def test_every_method_in_a_pocket_keeps_it_too(fg_nav: FgNav, method: Method) -> None:
-    write_canonical(part("pocket"), Path("walk.csv"))
-    write_truth(Path("truth.tum"), part("pocket"))
-    words = ("--mount", "pocket", "--method", method.name, "--truth", "truth.tum", *NO_PLOTS)
-    ran = fg_nav("run", "walk.csv", *words, "--out", "out")
-    assert ran.code == 0, ran.err
-    assert keeps_the_contract(Path("out"), part("pocket"), method)
-
-
-@pytest.mark.parametrize("ending", ["csv.gz", "parquet"])
-def test_a_walk_in_another_kind_of_file_is_the_same_walk(fg_nav: FgNav, ending: str) -> None:
-    if ending == "parquet":
-        pytest.importorskip("pyarrow", reason="Parquet needs pyarrow")
-    write_canonical(part("foot"), Path("walk.csv"))
-    assert fg_nav("convert", "walk.csv", f"walk.{ending}").code == 0
-    for end in ("csv", ending):
-        assert fg_nav("run", f"walk.{end}", "--method", "iez", *NO_PLOTS, "--out", end).code == 0
-    np.testing.assert_allclose(*(np.loadtxt(Path(end, "trajectory.tum")) for end in ("csv", ending)), atol=1e-6)
+    words = ("--mount", "pocket", "--method", method.name, "--truth", truth_of("pocket"), *NO_PLOTS)
+    fg_nav("run", recorded("pocket"), *words, "--out", "out").succeeded()
+    assert keeps_the_contract(Path("out"), recording("pocket"), method)
 
 
 def measure_gap(folder: str) -> None:
@@ -104,13 +80,10 @@ def measure_gap(folder: str) -> None:
 
 
 def test_stream_and_run_write_the_same_and_polished_what_the_batch_has(fg_nav: FgNav) -> None:
-    """Without `--polish` neither solves the walk in batch."""
-    write_canonical(short_walk(), Path("walk.csv"))
-    words, online = ("walk.csv", "--heading", 0), ("--method", "online", *NO_PLOTS)
-    assert fg_nav("run", *words, *online, "--polish", "--out", "run").code == 0
-    assert fg_nav("stream", *words, "--speed", "max", "--polish", "--out", "stream").code == 0
-    assert fg_nav("run", *words, *NO_PLOTS, "--out", "batch").code == 0
-    assert fg_nav("run", *words, *online, "--out", "plain").code == 0
+    words, online = (recorded("short"), "--heading", 0), ("--method", "online", *NO_PLOTS)
+    fg_nav("run", *words, *online, "--polish", "--out", "run").succeeded()
+    fg_nav("stream", *words, "--speed", "max", "--polish", "--out", "stream").succeeded()
+    fg_nav("run", *words, *NO_PLOTS, "--out", "batch").succeeded()
     for place in ("run", "stream"):
         assert names(Path(place)) >= {"online.csv", "strides.csv"} | POLISHED
         path = strides(place)
@@ -118,15 +91,11 @@ def test_stream_and_run_write_the_same_and_polished_what_the_batch_has(fg_nav: F
         assert np.allclose(path[["x_m", "y_m", "z_m"]], whole_walk()[0].finish().stances.position, atol=1e-6)
         assert len(strides(place, "online.csv")) == len(path)
         measure_gap(place)
-    assert not POLISHED & names(Path("plain"))
-    assert not [key for key in summary("plain") if "polish" in key]
 
 
 def test_a_stream_in_a_pocket_prints_and_writes_what_a_run_does(fg_nav: FgNav) -> None:
-    write_canonical(part("pocket"), Path("walk.csv"))
-    words = ("walk.csv", "--mount", "pocket", "--step-constant", 0.8, "--polish")
-    ran = fg_nav("stream", *words, "--speed", "max")
-    assert ran.code == 0, ran.err
+    words = (recorded("pocket"), "--mount", "pocket", "--step-constant", 0.8, "--polish")
+    ran = fg_nav("stream", *words, "--speed", "max").succeeded()
     told = [json.loads(line) for line in ran.out.splitlines()]
     rows = {kind: [one for one in told if one["kind"] == kind] for kind in ("now", "smoothed", "polished")}
     assert len(rows["now"]) == len(rows["smoothed"]) > 10
@@ -135,8 +104,8 @@ def test_a_stream_in_a_pocket_prints_and_writes_what_a_run_does(fg_nav: FgNav) -
         assert one[0].keys() <= rows["now"][0].keys()
     now, smoothed = rows["now"][-1], rows["smoothed"][-1]
     assert now["heading_deg"] == pytest.approx(smoothed["heading_deg"], abs=2.0)
-    assert fg_nav("stream", *words, "--speed", "max", "--out", "stream").code == 0
-    assert fg_nav("run", *words, "--method", "online", "--out", "run").code == 0
+    fg_nav("stream", *words, "--speed", "max", "--out", "stream").succeeded()
+    fg_nav("run", *words, "--method", "online", "--out", "run").succeeded()
     ends = [np.loadtxt(f"{folder}/trajectory.tum")[-1, 1:4] for folder in ("stream", "run")]
     assert np.linalg.norm(ends[0] - ends[1]) < 0.3  # a recording's magnetometer is aligned before
     assert Path("stream/online.csv").exists()
@@ -186,11 +155,11 @@ def test_what_is_written_is_read_back_to_the_last_bit(fg_nav: FgNav, ending: str
     assert "300 samples of format sensorconnect, with the magnetometer" in ran.out
     assert is_equal(read_raw(out), read_raw(tmp_path / "walk.csv"))
     before = out.read_bytes()
-    assert fg_nav("convert", out, tmp_path / "again.csv").code == 0
+    fg_nav("convert", out, tmp_path / "again.csv").succeeded()
     assert is_equal(read_raw(tmp_path / "again.csv"), read_raw(out))
     assert fg_nav("convert", tmp_path / "walk.csv", out).refused("already exists", "--force")
     assert out.read_bytes() == before
-    assert fg_nav("convert", tmp_path / "walk.csv", out, "--force").code == 0
+    fg_nav("convert", tmp_path / "walk.csv", out, "--force").succeeded()
     assert out.read_bytes() == before
     (tmp_path / f"folder{ending}").mkdir()
     assert fg_nav("convert", out, tmp_path / f"folder{ending}").refused("is a folder")
@@ -215,5 +184,5 @@ def test_columns_and_rate_for_a_file_without_a_header(fg_nav: FgNav, tmp_path) -
     said = json.loads(fg_nav("inspect", tmp_path / "walk.txt", *columns, "--rate", 100, "--json").out)
     assert said["usable"]
     assert said["stamps"]["rate_hz"] == pytest.approx(100.0)
-    assert fg_nav("convert", tmp_path / "walk.txt", "out.csv", *columns, "--rate", 100).code == 0
+    fg_nav("convert", tmp_path / "walk.txt", "out.csv", *columns, "--rate", 100).succeeded()
     np.testing.assert_allclose(read_raw("out.csv").gyr, RAW.gyr, atol=1e-9)

@@ -97,8 +97,7 @@ def test_both_feet_are_one_walk(fg_nav: FgNav, run: Any, walked: Path) -> None:
 
 
 def test_the_steps_show_which_foot_is_which_and_names_are_kept_and_doubted(run: Any, walked: Path) -> None:
-    ran = run("right.csv", "left.csv", "--heading", "90", "--no-mag", truth=("right", "left"))
-    assert ran.code == 0, ran.err
+    ran = run("right.csv", "left.csv", "--heading", "90", "--no-mag", truth=("right", "left")).succeeded()
     assert "feet: right and left, as the steps show; " in ran.out
     said = summary("out")
     assert (said["sides"], said["sides_known"]) == (["right", "left"], "shown")
@@ -110,7 +109,7 @@ def test_the_steps_show_which_foot_is_which_and_names_are_kept_and_doubted(run: 
     assert abs(first["x_m"]) + abs(first["y_m"]) < 0.1
     assert first["heading_deg"] == pytest.approx(90.0, abs=0.5)
     named = ("--sides", "left,right", "--method", "inertial", "--out", "named")
-    assert run("right.csv", "left.csv", *named, truth=("right", "left")).code == 0
+    run("right.csv", "left.csv", *named, truth=("right", "left")).succeeded()
     said = summary("named")
     assert (said["method"], said["sides"], said["sides_known"]) == ("inertial", ["left", "right"], "named")
     assert said["left"]["recording"] == str(walked / "right.csv")
@@ -121,10 +120,8 @@ def test_the_steps_show_which_foot_is_which_and_names_are_kept_and_doubted(run: 
 
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_a_foot_that_is_lost_for_a_while(run: Any, walked: Path, side: str) -> None:
-    """Both parts of its recording are used: the other foot goes on between them."""
     recordings = {one: f"{one}.csv" for one in OTHER} | {side: cut(walked, side, 15.0, 30.0)}
-    ran = run(*recordings.values(), "--sides", "left,right", "--no-mag", plots="html")
-    assert ran.code == 0, ran.err
+    run(*recordings.values(), "--sides", "left,right", "--no-mag", plots="html").succeeded()
     said, other = summary("out"), OTHER[side]
     note = f"the {side} foot was not recorded from 15.0 to 30.0 s: the person goes as the {other} one does"
     assert note in said["notes"]
@@ -144,8 +141,7 @@ def test_a_foot_that_is_lost_for_a_while(run: Any, walked: Path, side: str) -> N
 
 
 def test_both_feet_lost_at_once(run: Any, walked: Path) -> None:
-    """Nothing shows how the person went on, and that is said."""
-    assert run(*(cut(walked, side, 15.0, 30.0) for side in OTHER), "--no-mag").code == 0
+    run(*(cut(walked, side, 15.0, 30.0) for side in OTHER), "--no-mag").succeeded()
     said = summary("out")
     assert said["verdict"] == "not to be used"
     assert any("nothing was recorded for 15.0" in reason and "of neither foot" in reason for reason in said["reasons"])
@@ -153,9 +149,8 @@ def test_both_feet_lost_at_once(run: Any, walked: Path) -> None:
 
 
 def test_a_sensor_that_fails_leaves_the_other_foot_intact(fg_nav: FgNav, run: Any, walked: Path) -> None:
-    assert fg_nav("run", walked / "left.csv", "--plots", "none", "--out", "alone").code == 0
-    ran = run("left.csv", cut(walked, "right", 1.0, 100.0))
-    assert ran.code == 0, ran.err
+    fg_nav("run", walked / "left.csv", "--plots", "none", "--out", "alone").succeeded()
+    ran = run("left.csv", cut(walked, "right", 1.0, 100.0)).succeeded()
     assert "verdict: doubtful: the right foot is missing: cut-right.csv has 1 footfall; " in ran.out
     said = summary("out")
     assert names(Path("out")) == FILES - {"trajectory_right.tum", "strides_right.csv"}
@@ -176,12 +171,12 @@ def test_clocks_that_differ(run: Any, walked: Path) -> None:
     truth[:, 0] += 7.0
     np.savetxt("late.tum", truth, fmt="%.9f")
     late = partial(run, "left.csv", "late.csv", "--method", "inertial", truth=("left", "late"))
-    assert late("--clock-offset", "-7").code == 0
+    late("--clock-offset", "-7").succeeded()
     said = summary("out")
     assert (said["clock_offset_s"], said["clock_offset_known"]) == (-7.0, "given")
     assert max(said["rmse_2d_m"], said["right"]["rmse_2d_m"]) < 0.1
     assert np.ptp([path[0, 0] for path in paths("", "_left", "_right")]) < 0.1
-    assert late("--out", "told").code == 0
+    late("--out", "told").succeeded()
     told = summary("told")
     assert told["clock_offset_known"] == "by the signals"
     assert told["clock_offset_s"] == pytest.approx(-7.0, abs=0.05)
@@ -190,8 +185,7 @@ def test_clocks_that_differ(run: Any, walked: Path) -> None:
 
 
 def test_feet_that_nothing_ties_are_two_walks_with_a_remark(run: Any) -> None:
-    ran = run("left.csv", "right.csv", "--clock-offset", "100", "--method", "inertial", plots="html")
-    assert ran.code == 0
+    ran = run("left.csv", "right.csv", "--clock-offset", "100", "--method", "inertial", plots="html").succeeded()
     assert "verdict: doubtful: the feet are solved as two walks, and the left one is the person's path: " in ran.out
     assert (summary("out")["width_m"], summary("out")["cells"]) == (None, 0)
     person, left, right = paths("", "_left", "_right")

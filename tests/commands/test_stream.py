@@ -1,4 +1,6 @@
-"""`fg-nav stream`: whatever happens to the stream, the walk goes on, and its end is written."""
+"""`fg-nav stream`: whatever happens to the stream, the walk of one foot or of both goes on, and its end is written."""
+
+from __future__ import annotations
 
 import asyncio
 import errno
@@ -13,28 +15,35 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from fg_nav.calibration import MagnetometerCalibration
 from fg_nav.calibration.inertial import AccelerometerCalibration
 from fg_nav.calibration.of_recording import Calibration
+from fg_nav.columns.mapping import CANONICAL
 from fg_nav.commands import stream
 from fg_nav.commands.shared import Target
 from fg_nav.commands.stream import End, LinePrinter, save_end
 from fg_nav.errors import OutputError
+from fg_nav.feet import SIDES
 from fg_nav.frames import compute_heading
-from fg_nav.io import write_canonical
+from fg_nav.io import read_truth
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import rows_of
+from fg_nav.online.feet import BLOCK_S, HELD_S, MAX_HELD, FeetMerge
 from fg_nav.online.follow import FollowedWalk, Sensor, StreamOptions, describe_walk, follow
 from fg_nav.online.rows import RowReader, parse_columns
-from fg_nav.online.sources import TextSource, open_source
+from fg_nav.online.sources import SampleSource, TextSource, open_source
 from fg_nav.recording import NOMINAL_SIGMA
 from fg_nav.report.files import summarize_lagged, write_footfalls, write_lagged
 from fg_nav.view.outlets import Outlets
 from tests.command_line import names
 from tests.commands.folders import strides, summary
+from tests.commands.recordings import recorded
+from tests.feet.walks import demo_feet
+from tests.online.feet_walks import heads_known
 from tests.online.walks import NORTH, push, short_walk, whole_walk, worst_difference
 
 
@@ -44,11 +53,9 @@ def waits_for_solutions(monkeypatch):
     monkeypatch.setattr("fg_nav.online.smoother.FAST", 0.0)
 
 
-@pytest.fixture(scope="module")
-def csv(tmp_path_factory) -> Path:
-    path = tmp_path_factory.mktemp("stream") / "walk.csv"
-    write_canonical(short_walk(), path)
-    return path
+@pytest.fixture
+def csv() -> Path:
+    return recorded("short")
 
 
 class Pieces(TextSource):
@@ -117,7 +124,6 @@ def test_a_stalled_source_is_told_and_waited_for(csv):
 
 
 def test_samples_are_corrected_as_those_of_a_recording_and_counted_stamps_have_the_doubt_of_their_rate(csv):
-    """The axes of the magnetometer first, then its calibration."""
     accelerometer = AccelerometerCalibration(1.01, 1e-4, np.array([0.1, 0.0, -0.1]), np.ones(3), 9.81, 6, 60.0, True)
     soft = np.diag([1.1, 0.9, 1.0])
     magnetometer = MagnetometerCalibration("loop", np.array([3.0, -2.0, 1.0]), soft, 0.01 * np.eye(9), 48.0, 1.0, 1000)
@@ -159,7 +165,6 @@ def test_the_state_between_footfalls_is_that_of_the_newest_sample():
 
 
 def test_a_growing_file_is_followed(csv, tmp_path):
-    """It grows by a piece with each line of a footfall, and by all of the rest once most was printed."""
     data, path = csv.read_bytes(), tmp_path / "growing.csv"
     path.write_bytes(data[: len(data) // 3])
     pieces = cut(data[len(data) // 3 :], 5)
@@ -177,7 +182,6 @@ def test_a_growing_file_is_followed(csv, tmp_path):
 
 @pytest.mark.usefixtures("solved_here")
 def test_rows_without_a_header_are_walked_by_their_columns(fg_nav, csv, tmp_path):
-    """And a walk that is resumed has the same."""
     path = tmp_path / "rows.csv"
     path.write_bytes(b"".join(csv.read_bytes().splitlines(keepends=True)[1:]))
     given = ("--heading", 0, "--silence", 0.3)
@@ -193,7 +197,6 @@ def test_rows_without_a_header_are_walked_by_their_columns(fg_nav, csv, tmp_path
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
 def test_a_signal_ends_the_walk_and_not_its_result(fg_nav, csv, tmp_path, monkeypatch, request, number):
-    """The pipe stays open: only the signal ends it, once most of the walk was printed."""
     if number != signal.SIGINT:  # that with its process beside
         request.getfixturevalue("solved_here")
     pipe, printed, ended = tmp_path / "pipe", threading.Semaphore(0), threading.Event()
@@ -232,8 +235,7 @@ def test_a_signal_ends_the_walk_and_not_its_result(fg_nav, csv, tmp_path, monkey
 @pytest.mark.usefixtures("solved_here")
 def test_with_a_lag_the_footfalls_are_written(fg_nav, csv, tmp_path):
     out = tmp_path / "out"
-    ran = fg_nav("stream", csv, "--heading", 0, "--lag", 10, "--speed", "max", "--out", out, "--json")
-    assert ran.code == 0
+    ran = fg_nav("stream", csv, "--heading", 0, "--lag", 10, "--speed", "max", "--out", out, "--json").succeeded()
     assert json.loads(ran.out) == {"source": str(csv), "folder": str(out), **summary(out)}
     assert names(out) == {"trajectory.tum", "strides.csv", "online.csv", "summary.json", "report.html"}
     assert len(np.loadtxt(out / "trajectory.tum")) == len(strides(out)) == len(strides(out, "online.csv")) == 13
@@ -305,3 +307,97 @@ def test_a_walk_whose_lines_were_lost_is_written_into_a_fresh_folder(end, fg_nav
     assert (ran.code, ran.out) == (0, "")
     assert "no reader any more" in ran.err
     assert summary("results/stream-1")["strides"] >= 5
+
+
+@pytest.mark.usefixtures("solved_here")
+def test_lines_and_files_of_both_feet_and_of_the_person(fg_nav) -> None:
+    """The right one's sensor is off from 6 s before the end on."""
+    for side, until in (("left", 26.0), ("right", 20.0)):
+        rows = rows_of(demo_feet().sides[side].recording)
+        pd.DataFrame(rows[rows[:, 0] < until], columns=list(CANONICAL)).to_csv(f"{side}.csv", index=False)
+    words = ("--mount", "feet", "--speed", "max", "--out", "mine", "--no-mag")
+    ran = fg_nav("stream", "left.csv", "right.csv", *words).succeeded()
+    lines = [json.loads(line) for line in ran.out.splitlines()]
+    assert all({"foot", "frame", "kind"} <= set(line) for line in lines)
+    now = [line for line in lines if line["kind"] == "now"]
+    assert {line["foot"] for line in now} == {"left", "right", "person"}
+    assert {line.get("verdict") for line in now if line["foot"] != "person"} == {"trusted", "doubtful"}
+    (state,) = [line for line in lines if line["kind"] == "foot"]
+    assert (state["foot"], state["state"]) == ("right", "silent")
+    assert max(line["t"] for line in lines if line["foot"] == "left") > 24.0
+    kinds = ("trajectory_{}.tum", "strides_{}.csv", "online_{}.csv")
+    of_feet = {kind.format(side) for side in SIDES for kind in kinds}
+    assert names(Path("mine")) == {
+        *("trajectory.tum", "person.csv", "gait.csv", "summary.json", "config.json", "report.html"), *of_feet,
+    }  # fmt: skip
+    said = summary("mine")
+    assert said["width_m"] == pytest.approx(demo_feet().step_width_m, abs=0.15)
+    assert said["left"]["strides"] > said["right"]["strides"]
+    person, left = (read_truth(Path(f"mine/trajectory{end}.tum")) for end in ("", "_left"))
+    beside = np.stack([np.interp(person.t, left.t, column) for column in left.position.T], axis=1)
+    assert np.linalg.norm(person.position - beside, axis=1).max() < 1.0
+
+
+class Parts(SampleSource):
+    """Rows in parts of any length; `came` is the newest stamp of each source that was read, after each read."""
+
+    def __init__(self, side, rows, seconds, came) -> None:
+        self.name, self._side, self._came = side, side, came
+        edges = np.searchsorted(rows[:, 0], np.arange(seconds, rows[-1, 0], seconds))
+        self._parts = [part for part in np.split(rows, edges) if len(part)]
+
+    async def read(self):
+        part = self._parts.pop(0) if self._parts else None
+        newest = dict(self._came[-1]) if self._came else dict.fromkeys(SIDES, 0.0)
+        self._came.append(newest | ({} if part is None else {self._side: float(part[-1, 0])}))
+        return part
+
+
+@pytest.mark.parametrize("seconds", [(0.1, 0.7), (0.7, 0.1)])
+def test_the_source_of_the_foot_that_is_behind_is_read_first(seconds) -> None:
+    came, lines = [], []
+    sensors = {}
+    for side, each in zip(SIDES, seconds, strict=True):
+        rows = rows_of(demo_feet().sides[side].recording)
+        source = Parts(side, rows[rows[:, 0] < 11.0], each, came)
+        sensors[side] = Sensor(source, StreamOptions(online=heads_known()))
+    follow(sensors, Outlets(lines.append, None, lines.append))
+    ahead = [max(one.values()) - min(one.values()) for one in came if max(one.values()) < 10.0]
+    assert len(ahead) > 100
+    assert max(ahead) < 0.75
+    assert {json.loads(line)["foot"] for line in lines if '"now"' in line} >= set(SIDES)
+
+
+def test_rows_are_merged_by_their_stamps() -> None:
+    merge, rows = FeetMerge(), np.zeros((500, 11))
+    rows[:, 0] = 0.01 * np.arange(500)
+    merge.put("left", rows)
+    assert not list(merge.take(alone=False))
+    merge.put("right", rows[:300])
+    blocks = list(merge.take(alone=False))
+    ends = {"left": 0.0, "right": 0.0}
+    for side, block in blocks:
+        ends[side] = block[-1, 0]
+        assert abs(ends["left"] - ends["right"]) < 2.5 * BLOCK_S
+    assert sum(len(block) for side, block in blocks if side == "left") == 300
+    rest = np.concatenate([block for _, block in merge.take(alone=True)])
+    np.testing.assert_array_equal(rest, rows[300:])
+
+
+@pytest.mark.parametrize("apart_s", [0.0, 100.0], ids=["one clock", "clocks that differ"])
+def test_after_a_burst_the_feet_wait_for_each_other_again(apart_s) -> None:
+    """More rows than are held come of one foot at once; where the clocks differ, no foot waits any more."""
+
+    def take() -> int:
+        return sum(len(block) for _, block in merge.take(alone=False))
+
+    merge, rows = FeetMerge(), np.zeros((MAX_HELD + 500, 11))
+    rows[:, 0] = 0.01 * np.arange(len(rows))
+    burst = rows[: MAX_HELD + 100]
+    merge.put("left", burst + apart_s)
+    assert take() == len(burst)
+    for part in np.array_split(burst, 4):
+        merge.put("right", part)
+        assert take() == len(part)
+    merge.put("left", rows[len(burst) :] + apart_s)
+    assert take() == (400 if apart_s > HELD_S else 0)

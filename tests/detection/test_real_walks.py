@@ -21,7 +21,6 @@ def count(recording):
 
 @pytest.mark.parametrize("number", [15, 18, 20, 22, 24, 29, 31, 33, 36, 40, 35, 43])
 def test_stride_counts(number):
-    """Of the last two, with running in them, to the stride."""
     recording = read(DATA / "gdin" / ("own" if number > 29 else "own_obsolete") / f"SensorConnectData_{number}.csv")
     assert abs(count(recording) - recording.truth.stride_count) <= (number not in (35, 43))
 
@@ -62,7 +61,6 @@ def test_the_foot_stands_in_stances_and_every_stop_of_the_foot_is_found():
 
 
 def test_rests_agree_on_the_bias():
-    """All rests of a walk show the bias of the best, as far as feet stand still, and as well as they claim."""
     off, sigma = [], []
     for path in (*(DATA / "openshoe").glob("*.txt"), *(DATA / "xio").glob("*.csv"), *(DATA / "vicon").glob("*.mat")):
         rests = find_rests(read(path))

@@ -1,16 +1,105 @@
+"""Alignment, scale and errors: against motions that are known, and against evo (GPLv3, a tool outside the package)."""
+
 import json
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from fg_nav.errors import EvaluationError
-from fg_nav.evaluation import evaluate
+from fg_nav.evaluation import MODES, align, evaluate, fit_scale
 from fg_nav.frames import yaw_rotation
 from fg_nav.truth import FootprintTruth, TrajectoryTruth
 from tests.evaluation.walks import solution, winding_path
+
+ALIGNED_RNG = np.random.default_rng(5)
+ALIGNED = winding_path(ALIGNED_RNG)
+NOISY = ALIGNED + 0.2 * ALIGNED_RNG.standard_normal(ALIGNED.shape)
+
+
+@given(yaw=st.floats(-3.1, 3.1), shift=st.tuples(*[st.floats(-50, 50)] * 3))
+@settings(max_examples=50, deadline=None)
+def test_yaw_mode_undoes_the_gauge_exactly(yaw, shift):
+    truth = ALIGNED @ yaw_rotation(yaw).T + np.array(shift)
+    alignment = align(ALIGNED, truth)
+    np.testing.assert_allclose(alignment.apply(ALIGNED), truth, atol=1e-9)
+    np.testing.assert_allclose(alignment.truth_R_nav, yaw_rotation(yaw), atol=1e-12)
+
+
+def test_se3_undoes_any_rotation_and_never_reflects_and_yaw_keeps_a_tilt():
+    turn = Rotation.from_rotvec([0.4, -1.2, 2.0]).as_matrix()
+    np.testing.assert_allclose(align(ALIGNED, ALIGNED @ turn.T + 3.0, "se3").truth_R_nav, turn, atol=1e-12)
+    assert np.linalg.det(align(ALIGNED, ALIGNED * [1.0, -1.0, 1.0], "se3").truth_R_nav) == pytest.approx(1.0)
+    assert np.abs(align(ALIGNED @ turn.T, ALIGNED, "yaw").apply(ALIGNED @ turn.T) - ALIGNED).max() > 0.1
+    for mode in MODES:  # of one point, too
+        assert np.linalg.det(align(ALIGNED[:1], NOISY[:1], mode).truth_R_nav) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("mode", ["yaw", "se3"])
+def test_no_neighbouring_motion_fits_better(mode):
+    alignment = align(ALIGNED, NOISY, mode)
+    best = np.sum((alignment.apply(ALIGNED) - NOISY) ** 2)
+    axes = np.eye(3) if mode == "se3" else np.eye(3)[2:]
+    for rotvec in 1e-3 * np.vstack([axes, -axes]):
+        p = ALIGNED @ (Rotation.from_rotvec(rotvec).as_matrix() @ alignment.truth_R_nav).T
+        assert np.sum((p - p.mean(0) + NOISY.mean(0) - NOISY) ** 2) > best
+    for shift in 1e-3 * np.vstack([np.eye(3), -np.eye(3)]):
+        assert np.sum((alignment.apply(ALIGNED) + shift - NOISY) ** 2) > best
+
+
+def test_none_and_origin():
+    assert np.array_equal(align(ALIGNED, NOISY, "none").apply(ALIGNED), ALIGNED)
+    moved = align(ALIGNED, NOISY, "origin").apply(ALIGNED)
+    np.testing.assert_allclose(moved[0], NOISY[0])
+    np.testing.assert_allclose(moved - ALIGNED, np.broadcast_to(NOISY[0] - ALIGNED[0], ALIGNED.shape), atol=1e-12)
+
+
+def test_scale_is_above_one_for_a_short_estimate_and_blind_to_yaw_shift_and_height():
+    truth = ALIGNED @ yaw_rotation(2.0).T + 7.0
+    for axes in (2, 3):
+        assert fit_scale(ALIGNED[:, :axes] / 1.02, truth[:, :axes]) == pytest.approx(1.02)
+    assert np.isnan(fit_scale(np.zeros((5, 3)), ALIGNED[:5]))
+
+
+def test_bad_input_is_named():
+    broken = ALIGNED.copy()
+    broken[17, 1] = np.nan
+    for arguments, words in (
+        ((ALIGNED, ALIGNED, "sim3"), "'sim3' is unknown"),
+        ((ALIGNED, ALIGNED[1:]), "cannot be aligned"),
+        ((broken, ALIGNED), "estimate is not finite at point 17"),
+    ):
+        with pytest.raises(EvaluationError, match=words):
+            align(*arguments)
+
+
+def test_errors_and_scale_are_those_of_evo():
+    trajectory = pytest.importorskip("evo.core.trajectory", reason="evo is missing: pip install '.[checks]'")
+    metrics = pytest.importorskip("evo.core.metrics")
+    estimate, t = 0.97 * NOISY @ np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]).T, np.linspace(0.0, 20.0, len(ALIGNED))
+
+    def theirs(axes, scaled=None):
+        """Rmse, largest error and scale; not aligned if `scaled` is None."""
+        upright = np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1))
+        moved, reference = (trajectory.PoseTrajectory3D(path * axes, upright, t) for path in (estimate, ALIGNED))
+        scale = None if scaled is None else moved.align(reference, correct_scale=scaled)[2]
+        ape = metrics.APE(metrics.PoseRelation.translation_part)
+        ape.process_data((reference, moved))
+        return *(ape.get_statistic(metrics.StatisticsType[name]) for name in ("rmse", "max")), scale
+
+    ours = {mode: evaluate(solution(t, estimate), TrajectoryTruth(t, ALIGNED), mode) for mode in ("se3", "none", "yaw")}
+    for mode, scaled in (("se3", False), ("none", None)):
+        found = ours[mode].rmse_3d_m, ours[mode].max_error_m
+        assert found == pytest.approx(theirs([1.0, 1.0, 1.0], scaled)[:2], rel=1e-9)
+    flat = [1.0, 1.0, 0.0]
+    assert ours["yaw"].rmse_2d_m == pytest.approx(theirs(flat, False)[0], rel=1e-9)
+    assert fit_scale(estimate, ALIGNED) == pytest.approx(theirs(flat, True)[2], rel=1e-9)
+    assert fit_scale(estimate, ALIGNED) > 1.01
+
 
 RNG = np.random.default_rng(11)
 PATH = winding_path(RNG)
@@ -48,6 +137,9 @@ def test_truth_at_other_stamps_is_interpolated_only_where_it_was_seen():
         assert metrics.max_error_m < 1e-9
         assert metrics.points == points
         assert len(truth.t) == len(T) or "the truth covers" in metrics.notes[0]
+    coarse = np.arange(0.0, 20.5, 0.5)  # between such stamps all is seen: none is far from the usual
+    metrics = evaluate(solution(T, T[:, None] * speed), TrajectoryTruth(coarse, coarse[:, None] * speed), "none")
+    assert metrics.points == len(T)
     with pytest.raises(EvaluationError, match=r"100\.000 to 120\.000 s.*0\.000 to 20\.000 s.*clocks"):
         evaluate(solution(T, PATH), TrajectoryTruth(T + 100.0, PATH))
 
@@ -135,7 +227,6 @@ def test_footprints_that_cannot_be_compared_are_errors_in_words():
 
 
 def test_footprints_with_times_are_compared_there_whatever_stances_were_found():
-    """A walk with its whole path, and footprints on it in the middle of each stance, a turn and a shift away."""
     t, when = np.linspace(0.0, 30.0, 3001), np.arange(30) + 0.3
     path = np.column_stack([*(np.interp(t, when, column) for column in STEPS.T), np.zeros(len(t))])
     found = solution(t, path, np.array([0, 400, 900]))

@@ -6,16 +6,14 @@ magnetometer has every other sample.
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import RawRecording
-from tests.io.samples import axes, tabulate
+from tests.io.samples import Sample, axes, tabulate
 
 DEVICE = (("property", "value"), ("version", "1.1.16"), ("deviceModel", "P1"))
 
@@ -127,34 +125,6 @@ def gnss_logger(raw: RawRecording) -> Files:
     return {"": "\n".join(lines) + "\n"}
 
 
-class Phone(NamedTuple):
-    """Files of an app, the format they are to be recognized as, and whether sensors have clocks of their own."""
-
-    files: Callable[[RawRecording], Files]
-    format: str
-    own_clocks: bool = True
-    digits: float = 1e-6
-
-
-PHONES: Mapping[str, Phone] = {
-    "phyphox": Phone(phyphox, "phyphox"),
-    "phyphox, short header": Phone(lambda raw: phyphox(raw, ";", ".", short=True), "phyphox"),
-    "phyphox, semicolon and comma": Phone(lambda raw: phyphox(raw, ";", ","), "phyphox"),
-    "phyphox, tab and comma": Phone(lambda raw: phyphox(raw, "\t", ",", short=True), "phyphox"),
-    "phyphox in one": Phone(phyphox_in_one, "phyphox", False),
-    "sensor-logger, iPhone": Phone(sensor_logger, "sensor-logger"),
-    "sensor-logger, Android": Phone(lambda raw: sensor_logger(raw, "android"), "sensor-logger"),
-    "sensor-logger, standardised": Phone(lambda raw: sensor_logger(raw, "standardised"), "sensor-logger"),
-    "sensor-logger, uncalibrated": Phone(lambda raw: sensor_logger(raw, "raw"), "sensor-logger"),
-    "sensorlog": Phone(sensorlog, "sensorlog"),
-    "androsensor": Phone(androsensor, "androsensor", False, 1e-5),
-    "physics-toolbox": Phone(physics_toolbox, "physics-toolbox", False, 1e-4),
-    "hyperimu": Phone(hyperimu, "hyperimu", False),
-    "gnss-logger": Phone(gnss_logger, "gnss-logger", False),
-}
-"""Every kind of file that a phone's app writes here."""
-
-
 def write_files(files: Files, path: Path) -> Path:
     """A file, or a folder of files."""
     if "" in files:
@@ -166,11 +136,27 @@ def write_files(files: Files, path: Path) -> Path:
     return path
 
 
-def zip_files(files: Files, path: Path) -> Path:
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        for place, text in files.items():
-            archive.writestr(place or "walk.csv", text)
-    return path
+def _app(files: Callable[..., Files], format: str, *options: object, late: bool = True, digits: float = 1e-6) -> Sample:
+    return Sample(lambda raw, path: write_files(files(raw, *options), path), format, digits, late=late)
+
+
+PHONES = {
+    "phyphox": _app(phyphox, "phyphox"),
+    "phyphox, short header": _app(phyphox, "phyphox", ";", ".", True),
+    "phyphox, semicolon and comma": _app(phyphox, "phyphox", ";", ","),
+    "phyphox, tab and comma": _app(phyphox, "phyphox", "\t", ",", True),
+    "phyphox in one": _app(phyphox_in_one, "phyphox", late=False),
+    "sensor-logger, iPhone": _app(sensor_logger, "sensor-logger"),
+    "sensor-logger, Android": _app(sensor_logger, "sensor-logger", "android"),
+    "sensor-logger, standardised": _app(sensor_logger, "sensor-logger", "standardised"),
+    "sensor-logger, uncalibrated": _app(sensor_logger, "sensor-logger", "raw"),
+    "sensorlog": _app(sensorlog, "sensorlog"),
+    "androsensor": _app(androsensor, "androsensor", late=False, digits=1e-5),
+    "physics-toolbox": _app(physics_toolbox, "physics-toolbox", late=False, digits=1e-4),
+    "hyperimu": _app(hyperimu, "hyperimu", late=False),
+    "gnss-logger": _app(gnss_logger, "gnss-logger", late=False),
+}
+"""Kinds of files of phones' apps."""
 
 
 def expected_force(raw: RawRecording, t: np.ndarray) -> np.ndarray:

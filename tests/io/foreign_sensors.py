@@ -6,7 +6,6 @@ import json
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -14,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import RawRecording
-from tests.io.samples import axes, tabulate
+from tests.io.samples import Sample, axes, tabulate
 
 EPOCH_MS = 1_595_933_810_034  # Start of the files that have the time of day, ms since 1970.
 
@@ -231,30 +230,21 @@ def _integrate(raw: RawRecording) -> Rotation:
     return Rotation.concatenate(attitude)
 
 
-class Written(NamedTuple):
-    """How a file is written, what it is to be recognized as, its digits, and what is to be said to read it."""
-
-    write: Callable[[RawRecording, Path], None]
-    format: str
-    digits: float
-    sensor: str | None = None
-
-
-FOREIGN: dict[str, Written] = {
-    "xsens": Written(write_xsens_mt, "xsens", 1e-6),
-    "dot": Written(write_xsens_dot, "xsens-dot", 1e-9),
-    "dot-increments": Written(partial(write_xsens_dot, increments=True), "xsens-dot", 1e-9),
-    "dot-sdk": Written(partial(write_dot_sdk, attitude=True), "xsens-dot", 1e-4),
-    "dot-sdk-rad": Written(partial(write_dot_sdk, rad=True), "xsens-dot", 1e-4),
-    "movesense": Written(write_movesense, "movesense", 1e-9),
-    "movesense-apart": Written(partial(write_movesense, separate=True), "movesense", 1e-9),
-    "shimmer": Written(write_shimmer, "shimmer", 1e-9),
-    "shimmer-text": Written(partial(write_shimmer, formatted=True), "shimmer", 1e-9),
-    "shimmer-wide": Written(partial(write_shimmer, wide=True), "shimmer", 1e-9),
-    "apdm": Written(write_apdm, "apdm", 1e-6, "left foot"),
-    "apdm-paths": Written(partial(write_apdm, paths=True), "apdm", 1e-6, "Foot"),
-    "vectornav": Written(write_vectornav, "vectornav", 1e-7),
-    "vectornav-uncompensated": Written(partial(write_vectornav, compensated=False), "vectornav", 1e-7),
-    "yei": Written(write_yei, "yei", 1e-9),
+SENSORS = {
+    "xsens": Sample(write_xsens_mt, "xsens", 1e-6),
+    "dot": Sample(write_xsens_dot, "xsens-dot", 1e-9),
+    "dot-increments": Sample(partial(write_xsens_dot, increments=True), "xsens-dot", 1e-9),
+    "dot-sdk": Sample(partial(write_dot_sdk, attitude=True), "xsens-dot", 1e-4),
+    "dot-sdk-rad": Sample(partial(write_dot_sdk, rad=True), "xsens-dot", 1e-4),
+    "movesense": Sample(write_movesense, "movesense", 1e-9),
+    "movesense-apart": Sample(partial(write_movesense, separate=True), "movesense", 1e-9),
+    "shimmer": Sample(write_shimmer, "shimmer", 1e-9),
+    "shimmer-text": Sample(partial(write_shimmer, formatted=True), "shimmer", 1e-9),
+    "shimmer-wide": Sample(partial(write_shimmer, wide=True), "shimmer", 1e-9),
+    "apdm": Sample(write_apdm, "apdm", 1e-6, "left foot"),
+    "apdm-paths": Sample(partial(write_apdm, paths=True), "apdm", 1e-6, "Foot"),
+    "vectornav": Sample(write_vectornav, "vectornav", 1e-7),
+    "vectornav-uncompensated": Sample(partial(write_vectornav, compensated=False), "vectornav", 1e-7),
+    "yei": Sample(write_yei, "yei", 1e-9),
 }
-"""Every kind of file by name."""
+"""Kinds of files of sensor makers' tools."""

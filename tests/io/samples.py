@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -15,6 +17,23 @@ from fg_nav.io import write_canonical
 from fg_nav.recording import RawRecording
 
 AXES = "XYZ"
+
+
+class Sample(NamedTuple):
+    """How a sample is written, as what it is to be read, within which digits, and what is to be said."""
+
+    write_to: Callable[[RawRecording, Path], object]
+    format: str
+    digits: float = 2e-7
+    sensor: str | None = None
+    late: bool = False  # whether the accelerometer has a clock of its own, as `foreign_phones` writes it
+    name: str = ""  # of the file or folder, where it matters
+
+    def write(self, raw: RawRecording, folder: Path) -> Path:
+        """Write it into a folder; return what is read."""
+        path = folder / (self.name or "walk.mat")  # a name that scipy does not change
+        self.write_to(raw, path)
+        return path if self.name else path.rename(folder / "walk.dat")
 
 
 def tilting(
@@ -38,6 +57,10 @@ def tilting(
     )
 
 
+RAW = tilting(np.random.default_rng(3), duration_s=4.0, rate_hz=100.0, still_s=1.0)
+"""What the samples hold, unless a test makes its own."""
+
+
 def axes(*patterns: str, letters: str = AXES) -> list[str]:
     """Names of the axes of each sensor, by patterns such as `Acc_{}`."""
     return [pattern.format(axis) for pattern in patterns for axis in letters]
@@ -50,6 +73,13 @@ def tabulate(names: Sequence[str], columns: Sequence[object], separator: str = "
         for part in np.atleast_2d(np.asarray(column).T).tolist():
             fields.append([one if isinstance(one, str) else form.format(one) for one in part])
     return "\n".join([separator.join(names), *map(separator.join, zip(*fields, strict=True))]) + "\n"
+
+
+def write_zip(path: Path, files: Mapping[str, str | bytes], packed: bool = True) -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED if packed else zipfile.ZIP_STORED) as archive:
+        for name, data in files.items():
+            archive.writestr(name, data)
+    return path
 
 
 def write_columns(path: Path, names: Sequence[str], columns: Sequence[object], separator: str = ",") -> Path:
@@ -166,15 +196,15 @@ TABLES: dict[str, Callable[[RawRecording, Path], object]] = {
 NEEDS = {"walk.parquet": "pyarrow", "walk.h5": "h5py", "walk.xlsx": "openpyxl"}  # packages that are extras
 
 
-WRITERS: dict[str, tuple[str, Callable[[RawRecording, Path], None]]] = {
-    "canonical": ("canonical", write_canonical),
-    "sensorconnect": ("sensorconnect", write_sensorconnect),
-    "estimated": ("sensorconnect", write_sensorconnect_estimated),
-    "xio": ("xio", write_xio),
-    "openshoe": ("openshoe", write_openshoe),
-    "pyshoe": ("pyshoe", write_pyshoe),
-    "gdlbio": ("gdlbio", write_gdlbio),
-    "broad": ("broad", write_broad),
-    "table": ("table", write_table),
+OWN = {
+    "canonical": Sample(write_canonical, "canonical"),
+    "sensorconnect": Sample(write_sensorconnect, "sensorconnect"),
+    "estimated": Sample(write_sensorconnect_estimated, "sensorconnect"),
+    "xio": Sample(write_xio, "xio"),
+    "openshoe": Sample(write_openshoe, "openshoe"),
+    "pyshoe": Sample(write_pyshoe, "pyshoe"),
+    "gdlbio": Sample(write_gdlbio, "gdlbio"),
+    "broad": Sample(write_broad, "broad"),
+    "table": Sample(write_table, "table"),
 }
-"""A writer for each kind of file, and the format it is to be recognised as."""
+"""Kinds of files of this library, of sensors on shoes and of data sets."""

@@ -1,100 +1,30 @@
-"""Known formats: what is refused, the truths that some hold, and flags, held samples, units and clocks of others."""
+"""Known formats and what is written: the truths that some hold, and flags, held samples and clocks of others."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.io
+from scipy.spatial.transform import Rotation
 
-from fg_nav.errors import FormatError
-from fg_nav.io import read, read_raw, read_truth, write_canonical
+from fg_nav.errors import FormatError, OutputError
+from fg_nav.io import read, read_raw, read_truth, write_canonical, write_tum
 from fg_nav.io.streams import drop_held
-from fg_nav.lab.pyshoe import read_pyshoe_track
+from fg_nav.lab.pyshoe import read_pyshoe_labels, read_pyshoe_track
+from fg_nav.recording import RawRecording
 from fg_nav.truth import FootprintTruth, TrajectoryTruth
-from tests.io.every_format import write_changed
+from tests.io.every_format import SAMPLES, write_changed
 from tests.io.samples import (
-    WRITERS,
-    tabulate,
     tilting,
     write_broad,
     write_gdlbio,
     write_openshoe,
     write_pyshoe,
     write_sensorconnect,
-    write_xio,
 )
-from tests.real_data import DATA, needs_data
 
 RAW = tilting(np.random.default_rng(1))
 IMU = np.column_stack([RAW.acc, RAW.gyr])
-
-
-def refuse(path: Path | str, words: str, format: str | None = None) -> str:
-    """Read what is to be refused in one sentence: what is wrong: what to try."""
-    with pytest.raises(FormatError, match=words) as caught:
-        read(path, format) if format is None else read_raw(path, format)
-    message = str(caught.value)
-    assert "\n" not in message
-    return message
-
-
-def test_format_overrides_recognition(tmp_path: Path) -> None:
-    write_xio(RAW, tmp_path / "walk.csv")
-    assert read_raw(tmp_path / "walk.csv", "xio").provenance.format == "xio"
-    write_pyshoe(RAW, tmp_path / "walk.mat")
-    for name, format, words in (
-        ("walk.csv", "canonical", "no column 'time_s'"),
-        ("walk.csv", "pyshoe", "not a MATLAB file"),
-        ("walk.csv", "gaitup", r"no format 'gaitup'.*canonical, sensorconnect"),
-        ("walk.mat", "xio", "not a text file"),
-    ):
-        refuse(tmp_path / name, words, format)
-
-
-def test_unknown_content_no_file_and_one_that_may_not_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "walk.csv"
-    for content, words in (
-        (b"", "is empty"),
-        (b"  \n \n", "is empty"),
-        (b"hello,world\n1,2\n", "none of the .* formats.*fg-nav inspect"),
-        (bytes(range(256)) * 40, "none of the .* formats"),
-        (b"MATLAB 5.0 MAT-file" + bytes(2000), "damaged MATLAB file|none of the .* formats"),
-        (b"MATLAB 7.3 MAT-file, Platform: GLNXA64" + b" " * 86 + b"\x00\x02IM" + bytes(500), "7.3"),
-    ):
-        path.write_bytes(content)
-        message = refuse(path, words)
-        assert message.endswith(".")
-        assert ": " in message
-    (tmp_path / "empty").mkdir()
-    refuse(tmp_path / "empty", "holds no file that is not empty")
-    refuse(tmp_path / "nowhere.csv", r"nowhere\.csv does not exist")
-    refuse("a\0b", "cannot be opened")
-
-    def refused(*_: object, **__: object) -> None:
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(Path, "open", refused)  # the tests may run as root, who may read all
-    refuse(path, r"cannot be opened.*Permission denied.*check its permissions")
-
-
-@pytest.mark.parametrize("kind", ["canonical", "sensorconnect", "estimated", "xio"])
-def test_a_table_that_lacks_something_is_refused_with_what_and_where(kind: str, tmp_path: Path) -> None:
-    path = tmp_path / "walk.csv"
-    WRITERS[kind][1](RAW, path)
-    lines = [line.split(",") for line in path.read_text().splitlines()[:40]]
-    needed = [k for k, name in enumerate(lines[0]) if "ag" not in name and not name.endswith(":valid")]
-    assert len(needed) == 7
-    for column in needed if kind != "xio" else []:
-        path.write_text("\n".join(",".join(line[:column] + line[column + 1 :]) for line in lines))
-        message = refuse(path, "no column.*: .*\\.$")
-        assert lines[0][column].split(":")[-1].lower() in message.lower()
-    for end in ("", "\n", "\n\n\n", "\r\n"):
-        path.write_text(",".join(lines[0]) + end)
-        refuse(path, "has a header but no samples")
-    lines[30][3] = "oops"
-    path.write_text("\n".join(map(",".join, lines)))
-    message = refuse(path, r"walk\.csv, line 31, column '.+': 'oops' is not a number")
-    assert lines[0][3].split(":")[-1] in message
 
 
 def test_lines_are_counted_past_blank_ones_and_a_byte_order_mark(tmp_path: Path) -> None:
@@ -109,7 +39,6 @@ def test_lines_are_counted_past_blank_ones_and_a_byte_order_mark(tmp_path: Path)
 
 
 def test_what_is_not_valid_or_not_there_is_no_sample(tmp_path: Path) -> None:
-    """An estimate that is flagged, and a number that is missing: the others of the row stay."""
     for kind, found, instead in (
         ("estimated", r"(?m)^(0\.245,[^,]*),1.0", r"\1,0"),
         ("sensorconnect", r"(?m)^0\.245,[^,]*", "0.245,"),
@@ -120,31 +49,6 @@ def test_what_is_not_valid_or_not_there_is_no_sample(tmp_path: Path) -> None:
         assert np.argwhere(np.isnan(raw.acc)).tolist() == [[49, 0]]
         np.testing.assert_allclose(raw.gyr, RAW.gyr)
         assert read(path).provenance.notes == ("left out 1 missing sample, the first in row 51",)
-
-
-def test_units_in_the_header(tmp_path: Path) -> None:
-    """Numbers times a scale and another unit in the header are the same recording."""
-    path = tmp_path / "walk.csv"
-    write_xio(RAW, path)
-    header, *lines = path.read_text().splitlines()
-    table = np.array([line.split(",") for line in lines], dtype=float)
-    for quantity, unit, scale in (
-        ("Gyroscope", "rad/s", np.pi / 180),
-        ("Gyroscope", "°/s", 1.0),
-        ("Accelerometer", "m/s²", 9.80665),
-        ("Accelerometer", "mg", 1000.0),
-        ("Magnetometer", "µT", 1.0),
-        ("Magnetometer", "mG", 10.0),
-        ("Time", "us", 1e6),
-    ):
-        names = header.split(",")
-        own = np.array([name.startswith(quantity) for name in names])
-        names = [f"{name.split(' (')[0]} ({unit})" if k else name for k, name in zip(own, names, strict=True)]
-        path.write_text(tabulate(names, [table * np.where(own, scale, 1.0)]))
-        raw = read_raw(path)
-        np.testing.assert_allclose(raw.t, RAW.t, atol=1e-9)
-        for name in ("acc", "gyr", "mag"):
-            np.testing.assert_allclose(getattr(raw, name), getattr(RAW, name), rtol=1e-9)
 
 
 def test_a_magnetometer_without_a_unit_or_an_axis_is_left_out(tmp_path: Path) -> None:
@@ -161,9 +65,7 @@ def test_a_magnetometer_without_a_unit_or_an_axis_is_left_out(tmp_path: Path) ->
 def test_held_magnetometer_samples_are_no_samples(kind: str, tmp_path: Path) -> None:
     held = tilting(np.random.default_rng(3))
     held.mag[:] = held.mag[np.arange(len(held.t)) // 4 * 4]
-    path = tmp_path / "walk.mat"
-    WRITERS[kind][1](held, path)
-    sampled = ~np.isnan(read_raw(path).mag).any(axis=1)
+    sampled = ~np.isnan(read_raw(SAMPLES[kind].write(held, tmp_path)).mag).any(axis=1)
     assert sampled.mean() == pytest.approx(0.25, abs=0.04)
     if kind != "openshoe":  # there every 17th sample is missing besides
         assert np.flatnonzero(sampled).tolist() == list(range(0, len(held.t), 4))
@@ -218,9 +120,9 @@ def test_openshoe_row_numbers_that_begin_again_go_on_by_the_clock_of_the_compute
 def test_truth_of_pyshoe_is_made_right_handed_at_all_samples_or_some(tmp_path: Path) -> None:
     path = tmp_path / "walk.mat"
     write_pyshoe(RAW, path)
-    truth = read(path).truth
-    assert isinstance(truth, TrajectoryTruth)
-    np.testing.assert_allclose(truth.position, np.column_stack([RAW.t, -2 * RAW.t, 0.1 + 0 * RAW.t]))
+    for truth in (read(path).truth, read_truth(path)):
+        assert isinstance(truth, TrajectoryTruth)
+        np.testing.assert_allclose(truth.position, np.column_stack([RAW.t, -2 * RAW.t, 0.1 + 0 * RAW.t]))
     points = np.array([[0.0, 0, 0], [1, 2, 0], [9, 9, 9], [3, 1, 0]])  # the third comes no later
     scipy.io.savemat(path, {"imu": IMU, "ts": RAW.t, "gt": points, "gt_idx": np.array([[0, 400, 400, 800]])})
     truth = read(path).truth
@@ -240,7 +142,7 @@ def test_broad_quaternions_are_w_x_y_z_from_sensor_to_nav_where_it_was_seen(tmp_
     quaternion[n // 2 :] = [np.cos(0.3), 0.0, 0.0, np.sin(0.3)]  # 0.6 rad to the left about up
     variables = {"imu_acc": RAW.acc, "imu_gyr": RAW.gyr, "opt_quat": quaternion, "opt_pos": np.zeros((n, 3))}
     scipy.io.savemat(path, {**variables, "sampling_rate": 100.0})
-    truth = read_raw(path).truth
+    truth = read_truth(path)
     north, up, east = [0, 1, 0], [0, 0, 1], [1, 0, 0]
     np.testing.assert_allclose(truth.nav_R_body[0].T, [north, up, east], atol=1e-12)
     left = [[np.cos(0.6), -np.sin(0.6), 0.0], [np.sin(0.6), np.cos(0.6), 0.0], [0.0, 0.0, 1.0]]
@@ -258,6 +160,9 @@ def test_footprints_beside_and_damaged_ones_which_cost_the_truth_only(tmp_path: 
     assert truth.stride_count == 255
     assert (truth.stride - 251).tolist() == [-251, -151, -1]  # would wrap in uint8
     np.testing.assert_array_equal(truth.xy, xy)
+    np.testing.assert_array_equal(read_truth(tmp_path / "walk.mat").xy, xy)
+    with pytest.raises(FormatError, match="surveyed footprints, no recording"):
+        read_raw(tmp_path / "walk.mat")
     (tmp_path / "walk.mat").write_bytes(b"MATLAB 5.0 MAT-file" + bytes(300))
     recording = read(path)
     assert recording.truth is None
@@ -307,19 +212,67 @@ def test_a_walk_of_gdlbio_may_have_no_footprints_and_each_defect_is_one_sentence
         ({"strideIndex": np.arange(count) + 0.5}, rising),
     ):
         write_gdlbio(RAW, path, **changes)
-        refuse(path, rf"^walk\.mat.*{message}.*\.$", "gdlbio")
+        with pytest.raises(FormatError, match=rf"^walk\.mat[^\n]*{message}[^\n]*\.$"):
+            read_raw(path, "gdlbio")
 
 
-@needs_data
-@pytest.mark.parametrize(("number", "samples", "strides"), [(48, 1864, 8), (62, 10600, 37), (66, 9000, 48)])
-def test_real_walks_of_gdlbio(number: int, samples: int, strides: int) -> None:
-    path = DATA / "gdlbio" / f"SensorConnectData_{number}_GDLBIO.mat"
-    recording, track = read(path), read_pyshoe_track(path)
-    truth = recording.truth
-    assert recording.provenance.format == "gdlbio"
-    assert (len(recording), len(track)) == (samples, samples)
-    assert truth.stride_count == strides
-    sample = np.searchsorted(recording.t, truth.t)
-    turning = np.linalg.norm(recording.gyr, axis=1)
-    assert np.median(turning[sample]) < 0.4 * np.median(turning)  # the foot stands there
-    assert 0.6 < np.median(np.linalg.norm(np.diff(truth.xy, axis=0), axis=1)) < 2.5
+def test_canonical_goes_round_to_the_last_bit(tmp_path: Path) -> None:
+    bits = np.random.default_rng(1).integers(0, 2**64, (400, 10), dtype=np.uint64).view(np.float64)
+    bits[:7, 0] = [0.0, -0.0, 5e-324, np.finfo(float).max, -np.inf, np.inf, 0.1 + 0.2]
+    table = bits[~np.isnan(bits).any(axis=1)]
+    write_canonical(
+        RawRecording(table[:, 0], table[:, 1:4], table[:, 4:7], np.arange(len(table)), table[:, 7:]),
+        tmp_path / "walk.csv",
+    )
+    raw = read_raw(tmp_path / "walk.csv")
+    found = np.column_stack([raw.t, raw.acc, raw.gyr, raw.mag])
+    np.testing.assert_array_equal(found.view(np.uint64), table.view(np.uint64))
+
+
+def test_canonical_without_magnetometer_samples(tmp_path: Path) -> None:
+    path = tmp_path / "walk.csv"
+    sparse = np.where(np.arange(len(RAW.t))[:, None] % 4 == 0, RAW.mag, np.nan)
+    write_canonical(RawRecording(RAW.t, RAW.acc, RAW.gyr, RAW.row, sparse), path)
+    assert path.read_text().splitlines()[2].endswith(",,,")
+    np.testing.assert_array_equal(read_raw(path).mag, sparse)
+    write_canonical(RawRecording(RAW.t, RAW.acc, RAW.gyr, RAW.row), path)
+    assert read_raw(path).mag is None
+    with pytest.raises(OutputError, match="cannot be written"):
+        write_canonical(RAW, tmp_path / "nowhere" / "walk.csv")
+
+
+def test_tum_goes_round_in_its_field_order(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    t = np.arange(50) / 200 + 1.5e9
+    position, nav_R_body = rng.normal(size=(50, 3)), Rotation.random(50, rng=rng).as_matrix()
+    path = tmp_path / "truth.tum"
+    write_tum(path, t, position, nav_R_body)
+    for _ in range(2):
+        truth = read_truth(path)
+        assert isinstance(truth, TrajectoryTruth)
+        np.testing.assert_allclose(truth.t, t, atol=3e-7)
+        np.testing.assert_allclose(truth.position, position, atol=1e-9)
+        np.testing.assert_allclose(truth.nav_R_body, nav_R_body, atol=1e-8)
+        path.write_text("# timestamp tx ty tz qx qy qz qw\n" + path.read_text())
+    quarter_turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    write_tum(path, np.array([0.5]), np.array([[1.0, 2.0, 3.0]]), quarter_turn[None])
+    numbers = [float(field) for field in path.read_text().split()]
+    np.testing.assert_allclose(numbers, [0.5, 1, 2, 3, 0, 0, np.sqrt(0.5), np.sqrt(0.5)], atol=1e-9)
+
+
+def test_footprints_as_csv(tmp_path: Path) -> None:
+    path = tmp_path / "truth.csv"
+    path.write_text("stride,x_m,y_m\n0,0,0\n3,1.5,-2\n")
+    truth = read_truth(path)
+    assert isinstance(truth, FootprintTruth)
+    assert truth.stride.tolist() == [0, 3]
+    assert truth.stride.dtype == np.int64
+    np.testing.assert_array_equal(truth.xy, [[0, 0], [1.5, -2]])
+
+
+def test_pyshoe_labels(tmp_path: Path) -> None:
+    path = tmp_path / "a.mat"
+    write_pyshoe(RAW, path)
+    np.testing.assert_array_equal(read_pyshoe_labels(path), RAW.t < 2.0)
+    with pytest.raises(FormatError, match="no variable 'zv_ared_opt'"):
+        read_pyshoe_labels(path, "ared")

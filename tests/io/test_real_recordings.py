@@ -9,24 +9,22 @@ from scipy.spatial.transform import Rotation
 from fg_nav.detection.stance import Stances
 from fg_nav.errors import FormatError
 from fg_nav.io import read, read_raw, read_truth
-from fg_nav.lab.pyshoe import read_pyshoe_labels
+from fg_nav.lab.pyshoe import read_pyshoe_labels, read_pyshoe_track
 from fg_nav.mechanisation import rotate_in_body
 from fg_nav.recording import Recording
 from fg_nav.samples.plausibility import measure_gravity_transport, measure_rest_acc
 from fg_nav.truth import FootprintTruth, TrajectoryTruth
+from tests.io.test_every_format import WITHOUT_GRAVITY
 from tests.real_data import DATA, needs_data
 
 pytestmark = needs_data
 
 
-def _files() -> list[Path]:
-    if DATA is None:
-        return []
-    patterns = ("gdin/*/*.csv", "vicon/*.mat", "gdlbio/*.mat", "openshoe/*.txt", "xio/*.csv", "broad/*.mat")
-    return [path for pattern in patterns for path in sorted(DATA.glob(pattern))]
+PATTERNS = ("gdin/*/*.csv", "vicon/*.mat", "gdlbio/*.mat", "openshoe/*.txt", "xio/*.csv", "broad/*.mat")
+FILES = [] if DATA is None else [path for pattern in PATTERNS for path in sorted(DATA.glob(pattern))]
 
 
-@pytest.mark.parametrize("path", _files(), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_every_file_is_read_and_obeys_physics(path: Path) -> None:
     recording = read(path)
     assert len(recording) > 1500
@@ -40,32 +38,80 @@ def test_every_file_is_read_and_obeys_physics(path: Path) -> None:
         assert 35 < np.nanmedian(np.linalg.norm(recording.mag, axis=1)) < 60
 
 
-def test_sizes() -> None:
-    for name, format, samples, rate_hz, mag_share, truth in (
-        ("gdin/own/SensorConnectData_31.csv", "sensorconnect", 8549, 200, 1.0, FootprintTruth),
-        ("gdin/own/SensorConnectData_43.csv", "sensorconnect", 15500, 250, None, FootprintTruth),
-        ("gdin/own_obsolete/SensorConnectData_15.csv", "sensorconnect", 19001, 200, 1.0, FootprintTruth),
-        ("vicon/2017-11-22-11-22-03.mat", "pyshoe", 6490, 200, None, TrajectoryTruth),
-        ("openshoe/data_inert1.txt", "openshoe", 16420, 250, 0.97, type(None)),
-        ("openshoe/data_inert7.txt", "openshoe", 16540, 250, 0.97, type(None)),
-        ("xio/short_walk.csv", "xio", 16334, 398.3, None, type(None)),
-        ("broad/01_undisturbed_slow_rotation_A.mat", "broad", 56940, 285.714, 0.708, TrajectoryTruth),
-    ):
-        recording = read(DATA / name)
-        assert (recording.provenance.format, len(recording)) == (format, samples)
-        assert 1 / recording.period_s == pytest.approx(rate_hz, rel=1e-3)
-        assert isinstance(recording.truth, truth)
-        share = None if recording.mag is None else float(np.mean(~np.isnan(recording.mag[:, 0])))
-        assert share == (None if mag_share is None else pytest.approx(mag_share, abs=2e-3))
+SIZES = """
+gdin/own/SensorConnectData_31.csv                                sensorconnect     8549 200.0 47.4 1.000 33
+gdin/own/SensorConnectData_33.csv                                sensorconnect    11000 200.0 42.0 1.000 47
+gdin/own/SensorConnectData_43.csv                                sensorconnect    15500 250.0 -    -     60
+gdin/own_obsolete/SensorConnectData_15.csv                       sensorconnect    19001 200.0 45.4 1.000 73
+gdin/own_obsolete/SensorConnectData_29.csv                       sensorconnect    21001 200.0 44.0 1.000 100
+gdlbio/SensorConnectData_48_GDLBIO.mat                           gdlbio            1864 200.0 -    -     8
+gdlbio/SensorConnectData_62_GDLBIO.mat                           gdlbio           10600 200.0 -    -     37
+gdlbio/SensorConnectData_66_GDLBIO.mat                           gdlbio            9000 200.0 -    -     48
+vicon/2017-11-22-11-22-03.mat                                    pyshoe            6490 200.0 -    -     path
+broad/01_undisturbed_slow_rotation_A.mat                         broad            56940 285.7 43.3 0.709 path
+openshoe/data_inert1.txt                                         openshoe         16420 250.0 48.0 0.970 -
+openshoe/data_inert7.txt                                         openshoe         16540 250.0 48.0 0.971 -
+xio/short_walk.csv                                               xio              16334 398.3 -    -     -
+formats/phyphox/test_case4                                       phyphox           9949  52.4 54.6 0.953 -
+formats/phyphox-derived/semicolon-decimal-comma                  phyphox            398  10.0 48.0 1.000 -
+formats/phyphox-derived/tab-decimal-comma                        phyphox            398  10.0 48.0 1.000 -
+formats/sensor-logger-ios/2022-09-16_11-15-46.zip                sensor-logger     2064 100.4 -    -     -
+formats/sensor-logger-ios-uncal                                  sensor-logger     2705  99.9 -    -     -
+formats/sensor-logger-android                                    sensor-logger     4039 101.5 36.4 0.494 -
+formats/physics-toolbox/INPUT_N.csv                              physics-toolbox    646  14.7 -    -     -
+formats/hyperimu/short_y_impulse.csv                             hyperimu           371  43.5 -    -     -
+formats/xsens-mt-manager/old_data_xsens.txt                      xsens              953  50.0 59.3 1.000 -
+formats/xsens-dot/recording_bei_D4CA6EF17860_20210830_170505.csv xsens-dot         1952 120.0 -    -     -
+formats/movesense/MovesenseLog_3_786.json                        movesense         3600 102.6 -    -     -
+formats/metawear                                                 metawear           411  25.0 -    -     -
+formats/yei-3space/data_yei.txt                                  yei               2715 109.9 53.4 1.000 -
+formats/shimmer-consensys/devicely_read_test_data.csv            shimmer             90  51.2 43.8 1.000 -
+formats/shimmer-consensys/Accelerometre_Carre.csv                shimmer           1163 100.0 46.2 1.000 -
+formats/vectornav-vn310/Static-vn310-imu.csv                     vectornav          690  20.0 21.8 1.000 -
+formats/rosbag1/sparkfun_razor.bag                               ros               2144  69.0 -    -     -
+formats/ros2-converted/razor_db3                                 ros               2144  69.0 -    -     -
+formats/ros2-converted/razor_mcap/razor_mcap.mcap                ros               2144  69.0 -    -     -
+"""
+"""File, format, samples, rate in Hz, strength of the field in uT and share of samples with one, and the truth."""
 
 
-def test_gdin_footprints() -> None:
-    for name, strides in (("own/SensorConnectData_33", 47), ("own_obsolete/SensorConnectData_29", 100)):
-        truth = read(DATA / f"gdin/{name}.csv").truth
+@pytest.mark.parametrize("line", SIZES.strip().splitlines(), ids=lambda line: line.split()[0])
+def test_sizes(line: str) -> None:
+    place, format, samples, rate_hz, field_uT, share, known = line.split()
+    if format == "ros":
+        pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
+    recording = read(DATA / place)
+    assert (recording.provenance.format, len(recording)) == (format, int(samples))
+    assert 1.0 / recording.period_s == pytest.approx(float(rate_hz), abs=0.06)
+    if place.startswith("formats"):  # where nobody walks fast
+        assert np.median(np.linalg.norm(recording.acc, axis=1)) == pytest.approx(9.8, abs=0.4)
+    assert (recording.mag is None) == (field_uT == "-")
+    if recording.mag is not None:
+        strength = np.linalg.norm(recording.mag, axis=1)
+        assert np.nanmedian(strength) == pytest.approx(float(field_uT), abs=0.06)
+        assert np.isfinite(strength).mean() == pytest.approx(float(share), abs=2e-3)
+    truth = recording.truth
+    if known == "-":
+        assert truth is None
+    elif known == "path":
+        assert isinstance(truth, TrajectoryTruth)
+    else:
         assert isinstance(truth, FootprintTruth)
-        assert (truth.stride_count, truth.stride[0], truth.stride[-1]) == (strides, 0, strides)
-        assert 0.3 < np.linalg.norm(np.diff(truth.xy, axis=0), axis=1).sum() / strides < 2.0
-        np.testing.assert_array_equal(read_truth(DATA / f"gdin/{name}.mat").xy, truth.xy)
+        assert (truth.stride_count, truth.stride[0], truth.stride[-1]) == (int(known), 0, int(known))
+        assert 0.3 < np.linalg.norm(np.diff(truth.xy, axis=0), axis=1).sum() / int(known) < 2.5
+        beside = (DATA / place).with_suffix(".mat")
+        np.testing.assert_array_equal(read_truth(beside).xy, truth.xy)
+    if format == "gdlbio":
+        assert len(read_pyshoe_track(DATA / place)) == len(recording)
+        turning = np.linalg.norm(recording.gyr, axis=1)
+        standing = turning[np.searchsorted(recording.t, truth.t)]
+        assert np.median(standing) < 0.4 * np.median(turning)
+
+
+def test_files_that_leave_something_to_choose() -> None:
+    mt = read_raw(DATA / "formats/xsens-mt-manager/MT2022_ACC_GYRO_ROT_MAT_SPACE_00B42D4B.txt", rate_hz=100.0)
+    assert mt.acc[0, 2] > 9.8
+    assert len(read_raw(DATA / "formats/apdm-csv/apdm_format7.csv", sensor="Left Foot").t) == 3
 
 
 def test_vicon_truth_turns_with_the_gyroscope() -> None:
@@ -109,7 +155,6 @@ def _turned(recording: Recording, stances: Stances) -> np.ndarray:
 
 
 def test_broad_truth_is_the_attitude_of_the_sensor() -> None:
-    """At rest the true attitude takes specific force to up; and it turns as the gyroscope says."""
     for path in sorted((DATA / "broad").glob("*.mat"))[::3]:
         recording = read(path)
         truth = recording.truth
@@ -135,8 +180,19 @@ def test_a_cut_line_of_openshoe_and_repeats_of_xio_are_dropped() -> None:
     assert recording.provenance.notes[0] == "left out 205 repeated stamps, the first in row 4"
 
 
-def test_other_matlab_files_are_refused() -> None:
-    with pytest.raises(FormatError, match="no column for acceleration among 't'"):
-        read(DATA / "qmt_fullbody/full_body_example_data.mat")
-    with pytest.raises(FormatError, match="surveyed footprints"):
-        read(DATA / "gdin/own/SensorConnectData_31.mat")
+@pytest.mark.parametrize(
+    ("place", "words"),
+    [
+        ("qmt_fullbody/full_body_example_data.mat", "no column for acceleration among 't'"),
+        ("gdin/own/SensorConnectData_31.mat", "surveyed footprints"),
+        ("formats/sensor-logger-ios-mag", WITHOUT_GRAVITY),
+        ("formats/sensor-logger-ios/2022-09-09_13-14-55", "no gyroscope"),
+        ("formats/phyphox-semicolon", "give the files of one experiment"),
+        ("formats/androsensor/Upstairs1.csv", "2 samples a second"),
+        ("formats/gnss-logger/pixel6.txt", "0.0177 samples a second, too few"),
+        ("formats/xsens-dot-pcsdk/logfile_CustomMode4.csv", "whether its gyroscope is in deg/s or rad/s"),  # on a desk
+    ],
+)
+def test_files_that_hold_too_little_are_refused(place: str, words: str) -> None:
+    with pytest.raises(FormatError, match=words):
+        read(DATA / place)

@@ -158,7 +158,6 @@ def test_the_slower_sensor_is_named():
 
 
 def test_a_faster_accelerometer_is_averaged_over_the_gyroscopes_period():
-    """A straight line of force keeps its values; a change within a period is not lost."""
     t_acc, t_gyr = clock(400.0), clock(100.0)
     acc = np.column_stack([t_acc, np.where(np.arange(len(t_acc)) == 1601, 8.0, 0.0), np.full(len(t_acc), 9.8)])
     raw = join(Stream("acc", t_acc, acc, np.arange(len(t_acc)), "acc.csv"), stream("gyr", t_gyr))

@@ -20,9 +20,7 @@ from fg_nav.magnetic.axes import (
     holds_readings,
     remove_delay,
 )
-from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import Recording
-from fg_nav.walk import Options, Walk
 from tests.magnetic.turning_walks import make_early, minute
 from tests.real_data import DATA, needs_data
 
@@ -70,23 +68,6 @@ def test_axes_are_read_as_they_are_written_and_what_names_none_is_refused():
             MagAxes.parse(words)
 
 
-def test_a_magnetometer_with_wrong_axes_is_not_used_unless_they_are_given():
-    axes = MagAxes.parse("y,x,-z")
-    right = minute(5, 0.022)
-    turned = MagAxes(axes.P.T).apply_to(right)
-    walk = prepare_walk(Walk.of(turned))
-    assert walk.recording.mag is None
-    assert walk.field is None
-    assert any("not used" in note and "--mag-axes=y,x,-z" in note for note in walk.notes)
-    assert "--mag-axes" in walk.unjudged
-    given = prepare_walk(Walk.of(turned, Options(mag_axes=axes)))
-    np.testing.assert_array_equal(given.recording.mag, prepare_walk(Walk.of(right)).recording.mag)
-    assert not any("mag-axes" in note for note in given.notes)
-    forced = prepare_walk(Walk.of(turned, Options(mag_axes=MagAxes.parse("x,y,z"))))
-    assert forced.recording.mag is not None
-    assert any("used all the same" in note for note in forced.notes)
-
-
 @needs_data
 @pytest.mark.parametrize(
     "name",
@@ -127,7 +108,6 @@ def test_an_early_magnetometer_is_found_and_without_a_delay_nothing_is_changed()
 
 
 def test_the_sigma_is_true():
-    """Eight walks in the field of buildings: error over sigma is about one."""
     lags = [0.0, 0.004, 0.012, 0.02] * 2
     error = []
     for seed, lag_s in enumerate(lags):
@@ -167,7 +147,6 @@ def test_before_the_first_and_after_the_last_reading_and_in_a_gap_nothing_is_inv
 
 
 def test_the_field_is_turned_to_the_stamp_exactly_in_a_homogeneous_field():
-    """A sensor that turns at a constant rate, with a reading every tenth of a radian."""
     t = np.arange(200) / 100.0
     rate = np.array([3.0, -8.0, 5.0])
     attitude = rotation_exp(np.outer(t, rate))
@@ -185,17 +164,6 @@ def test_a_sensor_that_hardly_turns_shows_no_delay():
     assert estimate_delay(recording.slice(0, 1500)) is None
     assert estimate_delay(replace(recording, gyr=0.01 * recording.gyr)) is None
     assert estimate_delay(replace(recording, mag=None)) is None
-
-
-def test_a_run_says_what_was_taken_off():
-    walk = prepare_walk(Walk.of(minute(5, 0.022)))
-    assert any("ms late" in note and "taken off" in note for note in walk.notes)
-    found = walk.magnetometer.delay
-    assert found.tau_s == pytest.approx(0.022, abs=0.001)
-    assert found.taken_off
-    without = prepare_walk(Walk.of(minute(5, 0.022), Options(use_magnetometer=False)))
-    assert without.magnetometer is None or without.magnetometer.delay is None
-    assert not any("late" in note for note in without.notes)
 
 
 @needs_data

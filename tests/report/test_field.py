@@ -13,7 +13,6 @@ from fg_nav.lab.drawing import ACCEPTED, REJECTED, UNJUDGED, plot_field
 from fg_nav.lab.field_survey import FieldSurvey, measure_coverage
 from fg_nav.lab.verbs.detect import tabulate_footfalls
 from fg_nav.magnetic import FieldVerdicts, FootfallField
-from fg_nav.solution import Solution
 from tests.magnetic.fields import footfalls, turned
 from tests.report import walks
 
@@ -30,20 +29,16 @@ def verdicts_of(statistic: list[float], name: str = "ma2018") -> FieldVerdicts:
     return FieldVerdicts(name, np.array(statistic), 5.0, ("because",) * len(statistic))
 
 
-def solution_of(n: int) -> Solution:
-    walk = walks.walk()
-    solution = walks.outcome(walk).solution
-    rows = np.linspace(0, len(solution.t) - 1, 110 * n).astype(int)
-    return replace(solution, t=np.arange(110.0 * n) / 200.0, position=solution.position[rows])
-
-
 def survey_of(n: int, earth: EarthField | None = None) -> FieldSurvey:
     rng = np.random.default_rng(3)
     field = field_of(0.05 * np.arange(n, dtype=np.float64), rng.normal(size=n) * 0.3)
     unjudged = np.where(np.arange(n) < 3, np.nan, 1.0)
     names = ("qsf", "ma2018", "aiez")
     found = {name: verdicts_of(list(unjudged * rng.exponential(size=n)), name) for name in names}
-    return FieldSurvey(field, found, "ma2018", solution_of(n), earth)
+    solution = walks.outcome(walks.walk()).solution
+    rows = np.linspace(0, len(solution.t) - 1, 110 * n).astype(int)
+    solution = replace(solution, t=np.arange(110.0 * n) / 200.0, position=solution.position[rows])
+    return FieldSurvey(field, found, "ma2018", solution, earth)
 
 
 def test_coverage_counts_what_passes() -> None:
@@ -68,15 +63,10 @@ def test_declination_turns_the_compass_and_nothing_else() -> None:
     pd.testing.assert_frame_equal(plain[same], there[same])
 
 
-def lane(survey: FieldSurvey) -> Floats:
-    """Colours (L, columns, 3) of the lanes in the picture."""
-    return np.concatenate([np.asarray(image.get_array()) for image in plot_field(survey).axes[-1].images])
-
-
 def test_a_lane_shows_each_verdict_of_a_short_walk() -> None:
     survey = survey_of(6)
     survey = replace(survey, verdicts={"ma2018": verdicts_of([np.nan, 0.5, 2.0, 0.5, np.nan, 2.0])})
-    colours = lane(survey)[0]
+    colours = np.concatenate([np.asarray(image.get_array()) for image in plot_field(survey).axes[-1].images])[0]
     middle = ((np.arange(6) + 0.5) * len(colours) / 6).astype(int)
     wanted = [UNJUDGED, ACCEPTED, REJECTED, ACCEPTED, UNJUDGED, REJECTED]
     assert colours[middle] == pytest.approx(np.array([to_rgb(one) for one in wanted]))

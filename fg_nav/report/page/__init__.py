@@ -172,7 +172,9 @@ def compose_page(
         table=tabulate_figures(list(columns.values())),
         table_title="The person and each foot" if both else "Methods side by side" if several else "All figures",
         sections=[
-            one for one in _draw_sections(outcomes, walks, both, _describe_gait(summaries, both)) if one.charts or one.table
+            one
+            for one in _draw_sections(outcomes, walks, both, _describe_gait(summaries, both))
+            if one.charts or one.table
         ],
         remarks=group_notes(collect_notes([{**one, "method": name} for name, one in columns.items()])),
         configs=configs,

@@ -1,6 +1,9 @@
-"""Files of sensor makers' tools: what they leave to choose, and what only some of them hold (`test_every_format`)."""
+"""Recordings of phones' apps and of sensor makers' tools: what they leave to choose, and what only some hold."""
+
+from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -8,13 +11,100 @@ import numpy as np
 import pytest
 
 from fg_nav.errors import FormatError
+from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io import read, read_raw
+from fg_nav.recording import RawRecording
 from tests.io import foreign_sensors as files
 from tests.io.every_format import write_changed
-from tests.io.samples import tilting
-from tests.real_data import DATA, needs_data
+from tests.io.foreign_phones import Files, expected_force, hyperimu, phyphox, sensor_logger, sensorlog, write_files
+from tests.io.samples import RAW, tilting
 
-RAW = tilting(np.random.default_rng(3), duration_s=4.0, rate_hz=100.0, still_s=1.0)
+
+def read_files(files: Files, path: Path) -> RawRecording:
+    return read_raw(write_files(files, path))
+
+
+def test_phyphox_puts_pauses_back(tmp_path: Path) -> None:
+    files = dict(phyphox(RAW))
+    head, start, _ = files["meta/time.csv"].splitlines()
+    pause = '"PAUSE",1.2,101.2\n"START",1.2,131.7\n"PAUSE",4.0,134.5'
+    raw = read_files({**files, "meta/time.csv": f"{head}\n{start}\n{pause}\n"}, tmp_path / "walk")
+    assert "paused for 30.5 s at 1.2 s: a gap" in raw.provenance.notes
+    assert raw.t[-1] == pytest.approx(RAW.t[-2] + 30.5)
+    assert np.diff(raw.t).max() == pytest.approx(30.51, abs=0.02)
+
+
+WITHOUT_GRAVITY = "no accelerometer.*record the accelerometer, with gravity in it"
+
+
+def test_one_file_of_several_or_two_of_a_sensor_are_refused(tmp_path: Path) -> None:
+    files, logged = phyphox(RAW), sensor_logger(RAW)
+    linear = files["Linear Accelerometer.csv"] + files["Accelerometer.csv"].split("\n", 1)[1]
+    mag = {"Magnetometer.csv": files["Magnetometer.csv"], "note.txt": "of today"}
+    for k, (given, words) in enumerate(
+        (
+            ({"": files["Gyroscope.csv"]}, "has no accelerometer, only gyroscope: give the folder"),
+            ({"": linear}, WITHOUT_GRAVITY),
+            ({"": logged["Gyroscope.csv"]}, "is one sensor of Sensor Logger: give the folder or zip"),
+            (mag, "no accelerometer, only magnetometer"),
+            ({**files, "data.csv": files["Gyroscope.csv"]}, "two tables of a sensor .*gyroscope: Gyroscope.csv.*data"),
+        )
+    ):
+        (tmp_path / str(k)).mkdir()
+        with pytest.raises(FormatError, match=words):
+            read_files(given, tmp_path / str(k) / "Gyroscope.csv")
+
+
+def test_sensor_logger_finds_the_sign_without_metadata_and_takes_calibrated_samples_first(tmp_path: Path) -> None:
+    files = dict(sensor_logger(RAW, "ios"))
+    del files["Metadata.csv"]
+    files["AccelerometerUncalibrated.csv"] = sensor_logger(RAW, "raw")["AccelerometerUncalibrated.csv"]
+    bare = dict(sensor_logger(RAW, "bare"))
+    alone = {name: text for name, text in bare.items() if name not in ("Accelerometer.csv", "Gravity.csv")}
+    off = sensor_logger(replace(RAW, gyr=RAW.gyr + 1.0, mag=2.0 * RAW.mag))
+    for name in ("Gyroscope", "Magnetometer"):
+        bare[f"{name}Uncalibrated.csv"] = off[f"{name}.csv"]
+    for k, one in enumerate((files, bare, alone)):
+        known = read_files(one, tmp_path / str(k))
+        np.testing.assert_allclose(known.acc, expected_force(RAW, known.t), atol=1e-6)
+        np.testing.assert_allclose(known.gyr, RAW.gyr[1:-1], atol=1e-6)
+        np.testing.assert_allclose(known.mag[1::2], RAW.mag[2:-1:2], atol=1e-6)
+
+
+def test_a_field_that_is_mostly_the_phones_is_left_out(tmp_path: Path) -> None:
+    files = dict(sensor_logger(RAW))
+    mag = files.pop("Magnetometer.csv").splitlines()
+    large = [mag[0], *(",".join([*line.split(",")[:2], "-580.0", line.split(",")[3], "200.0"]) for line in mag[1:])]
+    raw = read_files({**files, "MagnetometerUncalibrated.csv": "\n".join(large)}, tmp_path / "walk")
+    assert raw.mag is None
+    assert any(note.startswith("the magnetometer reads 61") for note in raw.provenance.notes)
+
+
+def test_hyperimu_without_a_clock_takes_the_nominal_rate_or_that_given(tmp_path: Path) -> None:
+    raw = read_files(hyperimu(RAW, clock=False), tmp_path / "walk.csv")
+    np.testing.assert_allclose(raw.t, RAW.t[1:], atol=1e-9)  # the first row is zero
+    assert any("time is the row number at the nominal 10 ms" in note for note in raw.provenance.notes)
+    assert np.diff(read_raw(tmp_path / "walk.csv", rate_hz=80.0).t) == pytest.approx(0.0125)
+
+
+def test_sensorlog_takes_what_is_there(tmp_path: Path) -> None:
+    text = sensorlog(RAW, ";")[""].replace("motionRotationRate", "gyroRotation").replace("motionTime", "gyroTime")
+    raw = read_files({"": text}, tmp_path / "walk.csv")
+    assert "the gyroscope is as measured: its bias is still in it" in raw.provenance.notes
+    assert raw.mag is None
+    np.testing.assert_allclose(np.linalg.norm(raw.acc[:50], axis=1), GRAVITY_M_S2, atol=0.1)
+
+
+@pytest.mark.parametrize("app", [phyphox, sensor_logger])
+def test_a_sensor_that_the_phone_does_not_have(app, tmp_path: Path) -> None:
+    files = app(RAW)
+    lines = files["Magnetometer.csv"].splitlines(keepends=True)
+    for k, text in enumerate(("", lines[0], "".join(lines[:2]))):
+        raw = read_files({**files, "Magnetometer.csv": text}, tmp_path / str(k))
+        assert raw.mag is None
+        assert len(raw.t) == len(RAW.t) - 2
+
+
 needs_ros = pytest.mark.skipif(find_spec("rosbags") is None, reason="the extra `ros` is not installed")
 
 
@@ -40,16 +130,6 @@ def test_dot_at_rest_shows_no_unit(tmp_path: Path) -> None:
         read(path)
     mapped = "acc=Acc_X:Acc_Y:Acc_Z[m/s^2],gyr=Gyr_X:Gyr_Y:Gyr_Z[deg/s]"
     np.testing.assert_allclose(read(path, columns=mapped, rate_hz=100.0).gyr, still.gyr, atol=1e-4)
-
-
-def test_one_of_several_sensors_must_be_named(tmp_path: Path) -> None:
-    path = tmp_path / "walk.csv"
-    files.write_apdm(RAW, path)
-    with pytest.raises(FormatError, match=r"2 sensors \(Lumbar, Left Foot\): name one, such as `--sensor 'Left Foot'`"):
-        read(path)
-    with pytest.raises(FormatError, match="no one 'right' among its sensors: choose one of Lumbar, Left Foot"):
-        read(path, sensor="right")
-    np.testing.assert_allclose(read(path, sensor="LUMBAR").gyr, -RAW.gyr, atol=1e-6)
 
 
 def test_shimmer_takes_the_clock_since_1970_before_its_own_and_numbers_before_text(tmp_path: Path) -> None:
@@ -139,37 +219,3 @@ def test_without_the_extra_it_says_what_to_install(tmp_path: Path, monkeypatch: 
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
     with pytest.raises(FormatError, match=r"which rosbags reads: pip install 'rosbags>=[\d.]+'\.$"):
         read(tmp_path / "walk.bag")
-
-
-@needs_data
-@needs_ros
-def test_real_bags() -> None:
-    one = read(DATA / "formats/rosbag1/sparkfun_razor.bag")
-    assert one.period_s == pytest.approx(1 / 69, rel=1e-2)
-    assert one.mag is None
-    for place in ("razor_db3", "razor_mcap/razor_mcap.mcap"):
-        np.testing.assert_array_equal(read(DATA / "formats/ros2-converted" / place).acc, one.acc)
-
-
-@needs_data
-def test_real_files_of_sensor_makers() -> None:
-    folder = DATA / "formats"
-    for place, period_s in (
-        ("xsens-mt-manager/old_data_xsens.txt", 1 / 50),
-        ("xsens-dot/recording_bei_D4CA6EF17860_20210830_170505.csv", 1 / 120),
-        ("movesense/MovesenseLog_3_786.json", 1 / 102.6),
-        ("metawear", 1 / 25),
-        ("yei-3space/data_yei.txt", 9.1e-3),
-    ):
-        assert read(folder / place).period_s == pytest.approx(period_s, rel=1e-2)
-    with pytest.raises(FormatError, match="does not show whether its gyroscope is in deg/s or rad/s"):  # on a desk
-        read(folder / "xsens-dot-pcsdk/logfile_CustomMode4.csv")
-    assert read(folder / "shimmer-consensys/devicely_read_test_data.csv").period_s == pytest.approx(1 / 51.2, rel=1e-2)
-    rest = np.linalg.norm(read(folder / "shimmer-consensys/Accelerometre_Carre.csv").acc[0])
-    assert rest == pytest.approx(9.8, abs=0.2)
-    assert (
-        read_raw(folder / "xsens-mt-manager/MT2022_ACC_GYRO_ROT_MAT_SPACE_00B42D4B.txt", rate_hz=100.0).acc[0, 2] > 9.8
-    )
-    assert len(read_raw(folder / "apdm-csv/apdm_format7.csv", sensor="Left Foot").t) == 3
-    vectornav = read(folder / "vectornav-vn310/Static-vn310-imu.csv")
-    assert np.linalg.norm(vectornav.mag[0]) == pytest.approx(22.0, abs=1.0)
