@@ -19,7 +19,7 @@ import walks
 from harness import option
 
 from experiments import Column, Experiment, Found, Table, Task, write_table
-from experiments.worn import INSTEP, SIDES
+from experiments.worn import SIDES
 from fg_nav import FeetResult, Options, Recording, Solution, TrajectoryTruth, navigate, navigate_feet
 from fg_nav.arrays import Floats, interpolate_columns
 from fg_nav.errors import SimulationError
@@ -27,6 +27,7 @@ from fg_nav.gait import tabulate_gait
 
 RATE_HZ, CAPTURED_HZ = 204.8, 100.0  # Of gaitmap's sample, and of its markers, mm.
 RUNNER = Path(__file__).resolve().parents[1] / "bench" / "gaitmap_gait.py"
+INSTEP = 0.65  # Where the sensor of feet_vicon is, from ankle to toe.
 BY_PLACE = ["length_m", "clearance_m", "step_length_m", "step_width_m"]
 
 
