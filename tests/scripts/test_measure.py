@@ -179,7 +179,7 @@ def test_loops_are_measured_printed_and_stored(tmp_path, capsys):
     assert all(row["ground_m"] < 2.0 for row in content["rows"])
     out = capsys.readouterr().out
     assert "openshoe 13" in out
-    assert "figures are as asked" in out
+    assert "stored: " in out
 
 
 @needs_data

@@ -395,7 +395,7 @@ def shown(fg_nav, monkeypatch):
 def test_a_page_sees_all_of_a_walk_that_was_killed_and_resumed(shown, csv, tmp_path):
     saved = tmp_path / "record.csv"
     words = ("stream", csv, "--record", saved, "--resume", "--view", "--no-mag", "--port")
-    command = [sys.executable, "-m", "fg_nav.cli", *map(str, words), "0"]
+    command = [sys.executable, "-m", "fg_nav", *map(str, words), "0"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as process:
         limit = threading.Timer(4 * WAIT_S, process.kill)  # so that no line of it is waited for without end
         limit.start()

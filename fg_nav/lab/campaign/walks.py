@@ -209,8 +209,9 @@ TRUTHS = (".tum", ".truth.tum", ".truth.csv", ".truth.mat")  # Behind the name o
 SHARED_TRUTHS = ("truth.tum", "truth.csv", "truth.mat")  # Of a walk alone in its folder.
 
 OUR_TABLES = (
-    "landmarks.csv", "strides.csv", "strides_polished.csv", "person.csv", "strides_left.csv", "strides_right.csv",
-    "online_left.csv", "online_right.csv", "online.csv", "comparison.csv", "field.csv", "results.csv",
+    "landmarks.csv", "gait.csv", "strides.csv", "strides_polished.csv", "person.csv", "strides_left.csv",
+    "strides_right.csv", "online_left.csv", "online_right.csv", "online.csv", "comparison.csv", "field.csv",
+    "results.csv",
 )  # fmt: skip
 
 RECORDED = "recorded"  # In place of a field.

@@ -185,6 +185,16 @@ def test_each_unit_is_cut_at_its_range_before_the_average() -> None:
     assert gyr[-1] == pytest.approx([limit] * 3)
 
 
+def test_table_2_of_munoz_diaz_is_exact() -> None:
+    run = switch_on(preset("munoz-diaz-table-2"))
+    t, rest = np.arange(100_000) / 100.0, np.zeros((100_000, 3))
+    samples = run.measure(t, rest, rest, lambda at: np.zeros((len(at), 3)))
+    assert np.rad2deg(samples.gyr.mean(axis=0)) == pytest.approx([-0.1, 0.1, -0.1], abs=0.002)
+    assert np.rad2deg(samples.gyr.std(axis=0)) == pytest.approx([0.1, 0.1, 0.1], rel=0.02)
+    assert samples.mag.std(axis=0) == pytest.approx([0.015] * 3, rel=0.02)
+    assert np.rad2deg(run.biases_at(np.array([0.0, 2340.0])).gyr) == pytest.approx(np.array([[-0.1, 0.1, -0.1]] * 2))
+
+
 def test_sensors_by_name_inherit_and_a_table_changes_what_it_names() -> None:
     raw, calibrated = preset("mpu-9250-raw"), preset("mpu-9250")
     assert all(preset(name).name == name for name in PRESETS)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fg_nav.arrays import Floats
-from fg_nav.lab.simulation.sensors import Drift, TriadPrior
+from fg_nav.lab.simulation.sensors import Drift, TriadPrior, preset
 from fg_nav.lab.simulation.sensors.triad import DriftPath, TriadRun, digitize
 
 
@@ -51,6 +51,8 @@ def test_gauss_markov_has_its_hump_where_theory_has_it() -> None:
         assert level == pytest.approx(markov_allan(0.3, 4.0, tau_s), rel=0.08)
     assert max(levels, key=lambda tau_s: levels[tau_s]) == 7.6
     assert levels[7.6] == pytest.approx(0.62 * 0.3, rel=0.05)
+    # MD (24): its lowest Allan deviation of .05 deg/h is sqrt(2) of that
+    assert preset("kvh-1750").gyr.drift.sd == pytest.approx(np.deg2rad(0.05 / 3600) / np.sqrt(2), rel=1e-4)
 
 
 def test_gauss_markov_forgets_at_its_time_and_starts_anywhere() -> None:
