@@ -7,7 +7,7 @@ import gtsam
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import A, B, S, V, X, Z
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
@@ -213,6 +213,7 @@ def test_standing_feet_are_pulled_together_from_beyond_reach_alone(apart, sigmas
 
 
 @given(tilts=vectors, yaw=angles, move=vectors, turn=angles)
+@example(tilts=np.ones(3), yaw=3.0, move=np.ones(3), turn=-3.0)
 @settings(max_examples=30, deadline=None)
 def test_an_unseen_walk_counts_how_far_a_person_came_and_turned_and_how_the_foot_was_put_down(tilts, yaw, move, turn):
     """From an attitude to one turned about up, of the same tilt; the displacement is that in the world."""
