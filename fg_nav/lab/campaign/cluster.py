@@ -29,7 +29,7 @@ from fg_nav.text import suggest_install
 KILLED = "it ended its worker, again and again: out of memory, or a crash"  # Reason of a result that was given up.
 
 RETRIES = 2  # Of a task that could not be started, on a disk that is full for example: mostly on another worker.
-CONNECT_S = 10.0
+CONNECT_S = 30.0  # A busy machine takes long to answer.
 PATIENCE_S = 300.0  # For the first worker: a node of a queue takes minutes.
 TICK_S = 0.2  # Between two looks at what is done, and at Ctrl-C.
 LAST_PORT = 65535

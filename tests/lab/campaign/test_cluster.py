@@ -70,6 +70,7 @@ def test_files_go_to_the_users_workers_of_the_same_code_and_a_lost_scheduler_end
             scheduler.kill()
             with pytest.raises(CampaignError, match=r"the scheduler is gone: .* the same command goes on from there"):
                 next(running)
+    monkeypatch.setattr(cluster, "CONNECT_S", 0.5)
     with pytest.raises(CampaignError, match=f"no Dask scheduler answers at {address}: start one"):
         list(run_on_dask([fakes.task("quick")], address, 1, print))
 
