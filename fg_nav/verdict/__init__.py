@@ -197,10 +197,10 @@ def check_mount(observed: WalkSigns) -> Reason | None:
 def compare_bias(observed: WalkSigns) -> Reason:
     """Turning about up that the solution's bias leaves in the rests; a rest counts by its excess over its sway.
 
-    Without a rest gravity shows the bias about level axes: where it exceeds the solution's prior about up, it is
-    assumed to be as large there.
+    Without a rest gravity alone shows a filter the bias about level axes: where that exceeds the filter's own sigma
+    about up, it is assumed to be as large there. A graph has it in its sigmas; a field that was used shows it.
     """
-    table, recording = observed.table, observed.recording
+    table, recording, solution = observed.table, observed.recording, observed.solution
     rests = find_still_stretches(recording, RestParameters())
     if rests:
         middle = recording.t[[(rest.start + rest.stop) // 2 for rest in rests]]
@@ -216,14 +216,17 @@ def compare_bias(observed: WalkSigns) -> Reason:
             f"rests show another gyroscope bias, by up to {worst:.2g} deg/s about up: {np.degrees(np.ptp(turn)):.0f} "
             f"deg of heading, {error:.1f} m at the end"
         )
+    elif solution.graph or (solution.uses_field and QUASI_STATIC in table.field):
+        return Reason(UNSEEN, "")
     else:
         end_up, bias, since = table.nav_R_body[-1, 2], table.gyro_bias[-1], table.t - table.t[0]
         level = (bias @ bias - (bias @ end_up) ** 2) / 2.0
-        beyond = float(np.sqrt(max(level - (table.gyro_bias_sigma[0] ** 2) @ end_up**2, 0.0)))
+        beyond = float(np.sqrt(max(level - (table.gyro_bias_sigma[-1] ** 2) @ end_up**2, 0.0)))
         error = observed.displace_end(beyond * since)
         words = (
             f"no rest shows the gyroscope's bias, and about level axes it is {np.degrees(np.sqrt(level)):.2g} deg/s, "
-            f"more than assumed about up: {np.degrees(beyond * since[-1]):.0f} deg of heading, {error:.1f} m at the end"
+            f"more than the filter leaves open about up: {np.degrees(beyond * since[-1]):.0f} deg of heading, "
+            f"{error:.1f} m at the end"
         )
     return Reason(weigh_error(error, observed.sigma, observed.way), words)
 

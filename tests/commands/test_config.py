@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from fg_nav.commands import config
+from fg_nav.commands.shared import Answer, answer_each
 from fg_nav.ekf.presets import AS_PRINTED, GATED, NOT_RUN, PHYSICAL, PRESETS, TUNED, TUNED_PARAMETERS, find_parameters
 from fg_nav.errors import ConfigError, EstimationError
 from fg_nav.estimators import METHODS, choose_parameters
@@ -59,6 +60,17 @@ def test_several_recordings_are_one_table_and_a_bad_one_stops_no_other(fg_nav: F
     found = json.loads(ran.out)
     assert [one.get("usable") for one in found] == [True, None, True]
     assert found[1]["error"] in json.loads(ran.err)["error"]
+
+
+def test_a_disk_that_fails_at_one_recording_stops_no_other() -> None:
+    def answer(path: Path) -> Answer:
+        if path.name == "a.csv":
+            raise OSError("no space left on device")
+        return Answer({"usable": True}, lambda: None)
+
+    found = answer_each([Path("a.csv"), Path("b.csv")], answer, [])
+    assert found.content == [{"recording": "a.csv", "error": "no space left on device"}, {"usable": True}]
+    assert "a.csv: no space left" in str(found.failure)
 
 
 def choose(known: config.Config | None, words: Sequence[str], methods: Sequence[str], preset: str = "tuned") -> Changes:

@@ -54,6 +54,11 @@ def test_the_gauge_does_not_matter_and_the_truth_has_a_sigma():
     np.testing.assert_allclose(scores[0], scores[1], rtol=1e-9)
     blunt = compute_stance_nees(table, TrajectoryTruth(table.t, truth), truth_sigma_m=0.1)
     assert blunt.mean_ratio < 0.5 * np.mean(scores[0]) / 3
+    exact = stance_table(truth, position_cov=1e-12 * np.broadcast_to(np.eye(3), covariance.shape))
+    rng = np.random.default_rng(6)
+    drawn = [TrajectoryTruth(table.t, truth + 0.05 * rng.standard_normal(truth.shape)) for _ in range(100)]
+    found = [compute_stance_nees(exact, one, truth_sigma_m=0.05).mean_ratio for one in drawn]
+    assert np.mean(found) == pytest.approx(1.0, abs=0.2)  # both ends of a move have it
 
 
 def test_what_cannot_be_judged_is_said():

@@ -125,6 +125,8 @@ CORRIDOR = [0.0] * 12
 
 def numbers_of(climbs: list[float]) -> list[int | None]:
     """Number at each footfall of a walk that climbs by so much a stride."""
+    drifted = reduce(FloorTrack.add, [3.3] * 4, FloorTrack((0.0, 3.0), None, 0.3, (1.0, 2.0, 3.0, 3.3)))
+    assert (drifted.on, drifted.floors) == (1, (0.0, 3.0))  # heights have drifted by that since
     track, found = FloorTrack(), []
     for height in np.cumsum(climbs).tolist():
         track = track.add(height)

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import cache
 
+import gtsam
 import numpy as np
 import pytest
 
@@ -16,7 +17,7 @@ from fg_nav.online import OnlineNavigator
 from fg_nav.online import navigator as navigator_module
 from fg_nav.online.buffer import OnlineOptions, rows_of
 from fg_nav.online.navigator import finish_walk
-from fg_nav.online.strides import find_stride_fixes
+from fg_nav.online.strides import agrees, find_stride_fixes
 from fg_nav.recording import Recording
 from fg_nav.samples.intake import MAX_CLOCK_STEP_S, UNKNOWN_GAP_S, Intake
 from fg_nav.smoother import smooth
@@ -201,7 +202,8 @@ TURN_DEG = 40.0
 
 @cache
 def through_fixes(heading: float | None, turn_deg: float):
-    options = OnlineOptions(heading_rad=heading, use_field=False, fixes=tuple(fixes(turn_deg)))
+    behind = Fix(1e4, np.zeros(3), 0.05)  # the walk has ended by then
+    options = OnlineOptions(heading_rad=heading, use_field=False, fixes=(*fixes(turn_deg), behind))
     rows = rows_of(demo().recording)
     return walked(rows, options, cuts=range(64, len(rows), 64))
 
@@ -215,6 +217,7 @@ def test_the_walk_goes_through_its_fixes_as_in_batch():
     where = np.searchsorted(found.stances.t, [fix.time_s - 0.05 for fix in fixes()])
     assert errors(found)[where].max() < 0.04
     assert found.graph["position_fix"] == len(fixes())
+    assert through_fixes(0.0, 0.0)[0].polish().graph["position_fix"] == len(fixes())
     assert np.linalg.norm((found.stances.position - batch.stances.position)[:, :2], axis=1).max() < 0.1
 
 
@@ -233,6 +236,20 @@ def test_the_map_turns_to_the_fixes_and_says_so_and_what_they_have_yet_to_show_i
     assert off.max() > 2.0
     assert (off < 3.0 * sigma + 0.02).all()
     assert np.degrees(lines[-1].pose_cov[3, 3] ** 0.5) < 3.0
+
+
+def test_a_fix_that_four_sigmas_of_the_walk_and_its_own_do_not_explain_comes_later():
+    cov = np.diag([0.0, 0.0, 0.0, 9.0, 16.0, 1.0])  # m^2, in the body, which is turned by a right angle
+    pose = gtsam.Pose3(gtsam.Rot3.Rz(np.pi / 2), np.zeros(3))
+    for east, north, is_near in ((19.9, 0.0, True), (20.4, 0.0, False), (0.0, 15.0, True), (0.0, 16.8, False)):
+        assert agrees(pose, cov, Fix(0.0, np.array([east, north, 0.0]), 2.8 if north else 3.0)) == is_near
+
+
+def test_a_line_is_turned_with_its_attitude():
+    line = estimates_of(through_fixes(0.0, 0.0)[1])[5]
+    found = line.turn(0.3)
+    assert wrap_angle(compute_heading(found.nav_R_body) - compute_heading(line.nav_R_body)) == pytest.approx(0.3)
+    assert found.heading - line.heading == pytest.approx(0.3)
 
 
 def test_a_fix_of_a_stride_has_the_node_and_the_sigma_of_the_batch():

@@ -1,5 +1,7 @@
 """A walk in progress with the sensor in a trouser pocket, against the batch, its truth, and itself in other pieces."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -11,6 +13,7 @@ from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.online.buffer import OnlineOptions, rows_of
 from fg_nav.online.estimates import format_estimate
 from fg_nav.online.pocket import PocketNavigator
+from fg_nav.online.record import GivenLines
 from fg_nav.pocket.dead_reckoning import MOUNTING_SIGMA_DEG, STEP_HEADING_SIGMA_DEG, StepLength, reckon_path
 from fg_nav.pocket.navigate import choose_start
 from fg_nav.pocket.steps import estimate_swing, find_steps
@@ -115,3 +118,11 @@ def test_a_path_that_turns_with_the_axes_of_the_thigh_says_so(recording):
     assert np.linalg.norm(by_turns - now) < 0.03 * np.linalg.norm(now)
     assert np.linalg.norm(first.position - now) > 0.1 * np.linalg.norm(now)
     np.testing.assert_allclose(turned[-1].path[:2, 1:3], navigator.smoothed().position[:2, :2], atol=0.2)
+
+
+def test_lines_of_a_walk_whose_samples_do_not_come_again_are_taken_back(walked):
+    given = [replace(one, number=k) for k, one in enumerate(estimates_of(walked[1])[:4])]
+    navigator = PocketNavigator(COMPASS)
+    navigator.resume(GivenLines(given, given, [False] * 4, [0.0] * 4, {2}))
+    (revision,) = navigator.end_replay()
+    assert revision.retracted == tuple((one.number, one.t) for one in given if one.number != 2)

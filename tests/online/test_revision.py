@@ -8,7 +8,7 @@ import pytest
 
 from fg_nav.detection.causal import CausalParameters, CausalStances
 from fg_nav.frames import compute_heading, yaw_rotation
-from fg_nav.online.buffer import OnlineOptions, ReportedFootfall
+from fg_nav.online.buffer import CHUNK, OnlineOptions, ReportedFootfall, SampleBuffer
 from fg_nav.online.estimates import Revision, StanceEstimate, compare_pasts, format_revision
 from fg_nav.online.resolve import OPEN_S, UNREPORTED, review_footfalls
 from tests.online.walks import (
@@ -148,3 +148,11 @@ def test_a_map_that_was_turned_is_where_the_field_has_north():
     assert (np.abs(error) < np.maximum(2.0, sigma)).all()
     assert np.median(np.abs(error)) < 1.0
     assert np.abs(np.degrees(announced)).max() > 1.0
+
+
+def test_what_is_since_a_stamp_is_found_at_the_end_of_a_chunk():
+    buffer, t = SampleBuffer(), np.arange(2 * CHUNK) * 0.01
+    buffer.append(np.column_stack([t, np.zeros((len(t), 10))]))
+    for stop in (CHUNK, CHUNK + 1, 2 * CHUNK):
+        for since in (0, CHUNK - 1, stop):
+            assert buffer.find_since(since * 0.01 - 1e-6, stop) == since if since < stop else stop

@@ -19,7 +19,7 @@ from fg_nav.online.estimates import EstimateRow, Past, PathNodes
 from fg_nav.online.resolve import Solver, SolverProcess, Task, WalkSolver, solve_so_far
 from fg_nav.online.smoother import OnlineSmoother, window_anchors
 from fg_nav.online.strides import StanceNodes, list_stances, list_variables
-from fg_nav.online.window import MarginalPrior, Window, marginalize
+from fg_nav.online.window import MarginalPrior, Window, _pose_noise, marginalize
 from fg_nav.smoother.square_root import LinearWalk, stack_factors
 from tests.online.walks import (
     FOOTFALLS,
@@ -345,3 +345,11 @@ def test_a_later_past_takes_the_place_of_what_it_knows_again() -> None:
     assert Past().join(known).rows == known.rows
     before = later.before(StanceNodes(3, 8, 10, 8, 0, 0.0, 34, 3.4, (30, 39)))
     assert ([row.field for row in before.rows], before.nodes.sample.tolist()) == (["C"], [21, 28])
+
+
+def test_the_prior_of_a_pose_has_its_covariance_in_the_walks_axes():
+    cov = np.diag([4.0, 1.0, 0.25, 0.01]) + 0.1  # east, north, up and yaw
+    pose = gtsam.Pose3(gtsam.Rot3.Ypr(0.5, 0.2, -0.3), np.ones(3))
+    found, R = _pose_noise(pose, cov, 0.05).covariance(), pose.rotation().matrix()
+    np.testing.assert_allclose(R @ found[3:, 3:] @ R.T, cov[:3, :3], atol=1e-9)
+    assert (R @ found[:3, :3] @ R.T)[2, 2] == pytest.approx(0.11)

@@ -147,7 +147,7 @@ def test_the_printed_model_pulls_a_constant_bias_to_zero(noisy, monkeypatch):
 
 def test_the_printed_roll_turns_over_a_sensor_worn_upside_down():
     """The start levels it right; each gravity update of MD (12) then asks for half a turn of roll."""
-    leg = resting(20.0, angles=(0.0, 0.1, 3.0))
+    leg = resting(20.0, angles=(0.0, 0.1, np.pi - 1e-4))  # roll is on both sides of half a turn
     recording, parameters = leg.recording(field=None), replace(GRAVITY_ALONE, gravity_window_s=0.0)
     right, printed = (
         tilt_deg(estimate_as_printed(recording, parameters, misprints=Misprints(arctangent=p)), leg)[-1]

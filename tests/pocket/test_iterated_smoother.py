@@ -36,6 +36,14 @@ def filter_pocket(recording, p, start):
     return estimate_pocket(recording, PocketParameters(gyro_bias_sigma_deg_s=0.5, acc_sigma_m_s2=0.05), start)
 
 
+def test_a_gap_leaves_open_what_a_person_turns_in_it():
+    known = iterated_smoother.Prior(np.eye(3), np.zeros(24), np.zeros((27, 27)))
+    found = iterated_smoother.propagate_gap(known, 0.5)
+    usual = iterated_smoother.GAP_TURN_DEG_S * 0.5
+    most = np.minimum(usual, [iterated_smoother.GAP_TILT_DEG] * 2 + [iterated_smoother.GAP_TURN_DEG])
+    np.testing.assert_allclose(np.degrees(np.sqrt(np.diag(found.P)[:3])), most)
+
+
 ESTIMATORS = pytest.mark.parametrize("estimate", [smooth_pocket, follow_pocket])
 ALL = pytest.mark.parametrize(
     ("estimate", "field_uT"), [(smooth_pocket, 0.5), (follow_pocket, 0.5), (filter_pocket, 0.015)]

@@ -267,8 +267,14 @@ def test_a_bias_that_no_rest_shows_is_judged_by_what_gravity_shows_of_it() -> No
     table, weights = solution.stances, []
     for level_deg_s in (0.1, 3.0):
         bias = np.radians(level_deg_s) * table.nav_R_body[:, 0]
-        weights.append(compare_bias(WalkSigns(walk, replace(solution, stances=replace(table, gyro_bias=bias)))).weight)
+        spoiled = replace(solution, stances=replace(table, gyro_bias=bias))
+        weights.append(compare_bias(WalkSigns(walk, spoiled)).weight)
     assert weights[0] < 1.0 < weights[1]
+    # a filter that leaves as much open has it in its sigma, and a graph in any case
+    open_sigma = np.full_like(table.gyro_bias_sigma, np.radians(4.0))
+    unsure = replace(spoiled, stances=replace(spoiled.stances, gyro_bias_sigma=open_sigma))
+    for honest in (unsure, replace(spoiled, graph={"imu": 1})):
+        assert compare_bias(WalkSigns(walk, honest)).weight < 0.0
 
 
 def test_samples_behind_a_low_pass_and_a_gyroscope_behind_a_high_pass_are_named() -> None:

@@ -96,6 +96,7 @@ BAD = {
     'recordings = ["walks", "other/walks"]\n' + GOOD: "two folders of recordings are named 'walks'",
     'recordings = ["walks"]\nmethods = ["iez"]\nseeds = 3': "of scenarios",
     'recordings = ["one"]\nmethods = ["iez"]': "'w/v.csv' of 'one' and 'w~v.csv' of 'one' would be kept in one file",
+    'recordings = ["case"]\nmethods = ["iez"]': "'V.csv' of 'case' and 'v.csv' of 'case' would be kept in one file",
     GOOD + "[parameters]\niez = 3": "parameters.iez cannot be 3: give an object",
     GOOD + '[parameters."iez:physical"]\ngravity = 9.8': "'iez:physical', which is not among the methods",
     GOOD + "[parameters.smoother]\nmagnetic.magic = 1": "no parameter 'magnetic.magic'",
@@ -119,11 +120,11 @@ BAD = {
 
 
 def test_each_bad_plan_has_its_sentence(tmp_path):
-    for folder in ("empty", "walks", "other/walks", "one/w"):
+    for folder in ("empty", "walks", "other/walks", "one/w", "case"):
         (tmp_path / folder).mkdir(parents=True)
     for name, text in {
         "walks/a.csv": "x\n", "other/walks/a.csv": "x\n", "own.toml": OWN, "walks/own.toml": OWN, "bad.toml": "",
-        "one/w/v.csv": "x\n", "one/w~v.csv": "x\n",
+        "one/w/v.csv": "x\n", "one/w~v.csv": "x\n", "case/v.csv": "x\n", "case/V.csv": "x\n",
         "pocket.toml": f'worn = "pocket"\n{OWN}',
     }.items():  # fmt: skip
         (tmp_path / name).write_text(text)
