@@ -87,7 +87,7 @@ def test_nothing_is_used_where_nothing_returns():
 
 def test_neither_the_next_metres_nor_another_storey_are_candidates():
     walk = carry(Floor.draw(1), laps(2))
-    for storey_m, found in ((0.0, True), (3.4, False)):
+    for storey_m, found in ((0.0, True), (0.9, True), (3.4, False)):  # 0.4 m is one sigma
         higher = walk.position + np.outer(walk.distance_m > 96.0, [0.0, 0.0, storey_m])
         pairs = find_candidates(replace(walk, position=higher), Drift(height_share=0.001)).same
         walked_m = (pairs.later - pairs.earlier) * BLOCK * 0.5

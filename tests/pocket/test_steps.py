@@ -51,6 +51,8 @@ def test_every_swing_of_the_leg_is_a_stride_and_every_opening_a_step_and_a_pause
     _, steps = found(standing(2), swinging(6), standing(5), swinging(4), standing(2))
     assert len(steps.strides) == 7 + 5
     assert np.bincount(steps.bout).tolist() == [13, 9]
+    _, steps = found(standing(2, 30), swinging(6, at=30.0), standing(2, 30))  # up a slope, thigh forward
+    assert len(steps.strides) == 7
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ import pytest
 from matplotlib.image import imread
 
 from fg_nav.evaluation import evaluate
+from fg_nav.frames import yaw_rotation
 from fg_nav.report.charts import (
     AlignedSolution,
     Chart,
@@ -293,6 +294,11 @@ def test_heading_error_is_counted_from_the_start(walk: Walk) -> None:
     found = next(np.array(one["y"]) for one in draw_headings({"smoother": unsure}).data if one["name"] == "error")
     np.testing.assert_allclose(found - found[0], error, atol=2e-3)
     assert abs(found[0]) > 0.2
+    # also from where it is half a turn
+    turned = replace(stances, nav_R_body=yaw_rotation(np.pi - 1e-3) @ stances.nav_R_body, heading_sigma=0.0 * t)
+    opposite = replace(drawn, solution=replace(drawn.solution, stances=turned))
+    found = next(np.array(one["y"]) for one in draw_headings({"smoother": opposite}).data if one["name"] == "error")
+    np.testing.assert_allclose(found, error, atol=2e-3)
 
 
 def test_envelope_keeps_every_extreme() -> None:

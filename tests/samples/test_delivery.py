@@ -123,6 +123,7 @@ def test_a_replay_is_known_up_to_where_it_was_interrupted_whatever_the_clock_did
     """The rows before a restart have the stamps of those after it; only their values tell them apart."""
     rows = odd_rows()
     whole = np.concatenate([*admitted(uninterrupted := Intake(), rows, 11), uninterrupted.push(rows[:0], at_end=True)])
+    assert uninterrupted.sensor_time(whole[-1, 0]) == pytest.approx(rows[-1, 0])
     for block in (7, 5000, *([1] if saved in (305, 654) else [])):
         taken, judge, overlap = resumed(rows, saved, rows, block)
         np.testing.assert_array_equal(taken, whole)

@@ -7,7 +7,7 @@ from functools import cache
 import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import L
+from gtsam.symbol_shorthand import L, X
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
@@ -15,7 +15,7 @@ from fg_nav.factors import guarded_factor
 from fg_nav.frames import compute_heading, yaw_rotation
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.smoother import ExtraFactors, GraphNodes, SmoothedWalk, smooth, smooth_graph
-from fg_nav.smoother.constraints import FIX_SPEED_M_S, KnownTies, pin_to_times, select_reached_fixes
+from fg_nav.smoother.constraints import FIX_SPEED_M_S, KnownTies, OwnFactors, pin_to_times, select_reached_fixes
 from fg_nav.solution import Solution
 from fg_nav.truth import Fix, check_fixes
 from tests.smoother.walks import DEFAULT, Walk, demo, part, smoothed
@@ -215,6 +215,14 @@ def joined(*factors: gtsam.NonlinearFactor) -> gtsam.NonlinearFactorGraph:
     for factor in factors:
         graph.push_back(factor)
     return graph
+
+
+def test_own_factors_leave_the_heading_open_by_their_sigma_over_their_distance() -> None:
+    values = gtsam.Values()
+    values.insert(X(4), gtsam.Pose3(gtsam.Rot3.Ypr(2.0, 0.4, -0.3), [6.0, 8.0, 1.0]))
+    noise = gtsam.noiseModel.Isotropic.Sigma(3, 0.1)
+    found = OwnFactors(joined(gtsam.GPSFactor(X(4), np.array([6.0, 8.0, 1.0]), noise)), values)
+    assert found.heading_sigma == pytest.approx(0.1 / 10.0)
 
 
 def last_of(nodes: GraphNodes) -> int:
