@@ -38,6 +38,7 @@ html_static_path, html_css_files = ["site.css"], ["site.css"]
 
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 4  # links to sections, as in the checkout
+mathjax4_config = {"output": {"displayOverflow": "linebreak"}}  # long equations break, also on a phone
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "description"

@@ -45,7 +45,7 @@ from fg_nav.truth import FootprintTruth, TrajectoryTruth
 from fg_nav.view.outlets import ListenerProcess, Outlets, format_address, open_port
 from fg_nav.walk import Walk
 
-HOST, WALKED_S = "127.0.0.1", 200.0
+HOST, WALKED_S = "127.0.0.1", 203.0
 DESK_PX, PHONE_PX, BETWEEN_PX, COLORS = 1120, 390, 16, 200
 
 
@@ -101,7 +101,7 @@ def draw_view(chosen: Namespace) -> None:
     recording = recording.slice(0, int(np.searchsorted(recording.t, recording.t[0] + WALKED_S)))
     door = open_port(HOST, 0, "--port")
     address = format_address(HOST, door.getsockname()[1])
-    with closing(Unended(None, door, HOST, print)) as server, open_pages(address, 700, ("dark", "light")) as pages:
+    with closing(Unended(None, door, HOST, print)) as server, open_pages(address, 750, ("dark", "light")) as pages:
         options = StreamOptions(OnlineOptions(heading_rad=None), background=True)
         sensor = Sensor(Replay(recording, 1.0, "a simulated office"), options)
         outlets = Outlets(server.send, None, server.send_remark, server)

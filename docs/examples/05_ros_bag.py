@@ -2,7 +2,7 @@
 A ROS bag
 =========
 
-Bags of ROS 1 and 2 with ``sensor_msgs/Imu`` are read without ROS: ``pip install 'fg-nav[ros]'``. This writes one as a
+Bags of ROS 1 and 2 with ``sensor_msgs/Imu`` are read without ROS: ``pip install '.[ros]'``. This writes one as a
 driver would, reads it, and draws the path.
 """
 
