@@ -220,9 +220,9 @@ def joined(*factors: gtsam.NonlinearFactor) -> gtsam.NonlinearFactorGraph:
 def test_own_factors_leave_the_heading_open_by_their_sigma_over_their_distance() -> None:
     values = gtsam.Values()
     values.insert(X(4), gtsam.Pose3(gtsam.Rot3.Ypr(2.0, 0.4, -0.3), [6.0, 8.0, 1.0]))
-    noise = gtsam.noiseModel.Isotropic.Sigma(3, 0.1)
+    noise = gtsam.noiseModel.Diagonal.Sigmas([0.1, 0.2, 0.3])
     found = OwnFactors(joined(gtsam.GPSFactor(X(4), np.array([6.0, 8.0, 1.0]), noise)), values)
-    assert found.heading_sigma == pytest.approx(0.1 / 10.0)
+    assert found.heading_sigma == pytest.approx(np.hypot(8.0 / 0.1, 6.0 / 0.2) ** -1)
 
 
 def last_of(nodes: GraphNodes) -> int:
