@@ -39,7 +39,8 @@ def test_a_dead_worker_is_replaced_and_only_the_result_that_kills_has_failed_so(
 def started(*words):
     """A process of Dask's own command line, with the first line that it prints with an address."""
     line = [sys.executable, "-m", *words, "--no-dashboard"]
-    paths = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])}  # the walks of these tests are sent to it
+    places = os.environ.get("PYTHONPATH", ""), str(Path(__file__).parents[3])  # the walks of these tests are sent to it
+    paths = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, places))}
     process = subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=paths)
     try:
         yield process
