@@ -87,7 +87,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     results = make_results(chosen)
     print_cases(results)
     print_remarks(results)
-    console().print(f"\nresults: {chosen.out}", soft_wrap=True)
+    words = "sigmas: rms of errors over their claimed sigmas; over NAME: error over that of NAME on the same walk\n"
+    if chosen.quick:
+        words += "two walks of a minute rank no methods; where headings drift: --scenarios building-loop\n"
+    console().print(f"{words}results: {chosen.out}", soft_wrap=True)
 
 
 def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
