@@ -292,12 +292,14 @@ class Frame:
     words: str
 
 
-def describe_frame(view: AlignedSolution, outcome: Outcome, options: Options) -> Frame:
-    """Frame of a drawn solution."""
+def describe_frame(view: AlignedSolution, outcome: Outcome, options: Options, is_located: bool = False) -> Frame:
+    """Frame of a drawn solution; `is_located` by fixes that have an origin on the globe."""
     if isinstance(view.truth, FootprintTruth):
         return Frame("x", "y", "y", "The axes are those of the survey; its azimuth is not known.")
     if view.truth is not None:
         return Frame("east", "north", "N", "North is that of the truth.")
+    if is_located:
+        return Frame("east", "north", "N", "North is true, as the fixes show it.")
     if options.heading_deg is not None:
         given = f"North follows from the heading at the start, given as {options.heading_deg:g}°."
         return Frame("east", "north", "N", given)
@@ -325,7 +327,10 @@ def align_paths(outcomes: Mapping[str, Outcome], walk: Walk | None) -> Paths:
     """Align each method's path with the truth, if there is one; the frame is that of the first."""
     views = {name: align_solution(walk, outcome) for name, outcome in outcomes.items()}
     (first, *_), (outcome, *_) = views.values(), outcomes.values()
-    return Paths(views, describe_frame(first, outcome, Options() if walk is None else walk.options))
+    if walk is None:
+        return Paths(views, describe_frame(first, outcome, Options()))
+    is_located = "gnss_start" in first.solution.parameters or (len(walk.fixes) > 1 and walk.fixes[0].origin is not None)
+    return Paths(views, describe_frame(first, outcome, walk.options, is_located))
 
 
 def align_feet(result: FeetResult) -> Paths:

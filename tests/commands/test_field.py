@@ -8,7 +8,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from fg_nav.calibration.of_recording import read_calibration, write_calibration
+from fg_nav.calibration.of_recording import (
+    Calibration,
+    CalibrationResult,
+    Effect,
+    read_calibration,
+    write_calibration,
+)
+from fg_nav.commands.calibrate import print_calibration
 from fg_nav.commands.requests import StreamRequest
 from fg_nav.commands.stream import read_stream_options
 from fg_nav.frames import wrap_angle
@@ -68,6 +75,16 @@ def test_a_calibration_from_a_loop_brings_the_compass_to_the_gyroscope(
     assert corrected_deg < min(3.0, 0.5 * spread_deg(raw))
     assert "corrected by the calibration: magnetometer" in ran.out
     assert "by the walk itself" not in ran.out
+
+
+@pytest.mark.parametrize("after_deg", [3.0, 9.0])
+def test_a_calibration_that_makes_the_compass_worse_is_not_recommended(
+    after_deg: float, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = CalibrationResult(Calibration(), "walk", effect=Effect(2.0, 1.0, 8.0, after_deg))
+    print_calibration(found, Path("cal.json"))
+    printed = capsys.readouterr().out
+    assert ("to use it" in printed, "the compass is worse by it" in printed) == (after_deg < 8.0, after_deg > 8.0)
 
 
 @pytest.mark.parametrize("method", ["ellipsoid", "sphere"])

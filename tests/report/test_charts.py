@@ -32,7 +32,7 @@ from fg_nav.report.plots.style import draw_walk
 from fg_nav.report.series import HEAVIEST, draw_graph, draw_headings
 from fg_nav.solution import Solution
 from fg_nav.text import format_digits
-from fg_nav.truth import TrajectoryTruth
+from fg_nav.truth import Fix, TrajectoryTruth
 from fg_nav.walk import Options, Outcome, Walk
 from tests.browser import open_browser
 from tests.pictures import sketch_pictures
@@ -126,6 +126,10 @@ def test_the_graph_of_a_solution_is_told_and_drawn(walk: Walk) -> None:
     )
     assert "418 in all. The gate left out the compass of 1 footfall." in words
     frame = describe_frame(view, walks.outcome(walk), walk.options)
+    fixes = tuple(Fix(float(k), np.zeros(3), 1.0, origin=(48.0, 11.0, 500.0)) for k in range(2))
+    for given, words in (((), "not known"), (fixes, "true, as the fixes")):
+        one = replace(walks.without_truth(walk), fixes=given)
+        assert words in align_paths({"iez": walks.outcome(one, "iez")}, one).frame.words
     charts = {chart.name: chart for chart in draw_graph(view, frame)}
     assert list(charts) == ["weights", "heaviest", "bias-up", "moment"]
     marked = {trace["name"]: trace for trace in charts["heaviest"].data}
