@@ -273,6 +273,10 @@ def test_fixes_and_what_is_left_out_are_said_first(fg_nav: FgNav) -> None:
     assert said[4] == f"fixes: 4, {fixes['rms_m']:.2f} m rms off over ground, 1 beyond 3 sigma"
     assert summary("out")["origin"] == [*(pytest.approx(one, abs=1e-8) for one in degrees[0, :2]), None]
     assert any("of the first fix, at 48.0" in note for note in summary("out")["notes"])
+    assert fg_nav("run", "walk.csv", "--fixes", "fixes.csv", "--out", "page").code == 0
+    page = Path("page/report.html").read_text()
+    assert "North is true, by the fixes." in page
+    assert "covariance, which includes the uncertainty of the start and of north" in page
     assert "Only rows 2 to" in fg_nav("inspect", "walk.csv").out
     ran = fg_nav("export", "out", "walk.geojson", "--json")
     assert "north is true" in json.loads(ran.out)["remarks"][0]
