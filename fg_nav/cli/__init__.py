@@ -108,7 +108,7 @@ def answer(request: Request, verb: Callable[[Any], Answer]) -> None:
 
 
 for form in (*REQUESTS, *laboratory.BESIDE):
-    add_command(app, form, hidden=form in laboratory.BELOW)  # they are in `lab` too
+    add_command(app, form)
 for form in laboratory.BELOW:
     add_command(lab, form)
 app.add_typer(lab, name="lab")
