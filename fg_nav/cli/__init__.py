@@ -66,7 +66,7 @@ HELP_ALL: Any = typer.Option(
 )
 
 
-def add_command(verbs: typer.Typer, form: type[Request], hidden: bool = False) -> None:
+def add_command(verbs: typer.Typer, form: type[Request]) -> None:
     """Add the verb of a request: its options are the fields by group, the class's own before those of its bases."""
     module, _, verb = form.verb.partition(":")
 
@@ -88,7 +88,7 @@ def add_command(verbs: typer.Typer, form: type[Request], hidden: bool = False) -
         ]
     )
     call.__annotations__ = {name: hints[name] for name in options}
-    verbs.command(verb, help=cleandoc(form.__doc__ or ""), hidden=hidden)(call)
+    verbs.command(verb, help=cleandoc(form.__doc__ or ""))(call)
 
 
 def answer(request: Request, verb: Callable[[Any], Answer]) -> None:
@@ -111,7 +111,7 @@ for form in (*REQUESTS, *laboratory.BESIDE):
     add_command(app, form)
 for form in laboratory.BELOW:
     add_command(lab, form)
-app.add_typer(lab, name="lab")
+app.add_typer(lab, name="lab", hidden=True)
 
 
 def main() -> NoReturn:

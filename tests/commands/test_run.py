@@ -300,7 +300,7 @@ def test_a_pocket_is_inspected_and_its_methods_compared(fg_nav: FgNav) -> None:
 
 def test_help_keeps_what_is_seldom_needed_until_it_is_asked_for(fg_nav: FgNav) -> None:
     for verb, seldom in (
-        ((), ("detect", "simulate")),
+        ((), ("lab",)),
         (("run",), ("--preset", "matched")),
         (("compare",), ("--preset",)),
     ):
@@ -310,6 +310,8 @@ def test_help_keeps_what_is_seldom_needed_until_it_is_asked_for(fg_nav: FgNav) -
         for word in seldom:
             assert re.search(rf"\W{word}\W", full.out), word
             assert not re.search(rf"\W{word}\W", plain.out), word
+    assert all(re.search(rf"\W{verb}\W", in_a_process("--help").out) for verb in ("detect", "simulate"))
+    assert "feet" not in in_a_process("compare", "--help").out
     preset = ("--method", "iez", "--preset", "magic")  # is there all the same
     assert fg_nav("run", "a.csv", *preset).refused("no preset 'magic'")
 
