@@ -468,3 +468,4 @@ def test_a_status_has_rate_latency_and_silence(monkeypatch):
     assert watcher.sent[-1]["t"] == 57.6
     report(59.1, 0, ended=True)
     assert (watcher.sent[-1]["t"], watcher.sent[-1]["source"]) == (59.1, "ended")
+    assert (watcher.sent[-1]["latency_ms"], watcher.sent[-1]["rate_hz"]) == (None, None)
