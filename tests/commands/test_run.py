@@ -199,7 +199,7 @@ def test_inspect_gives_figures_and_a_verdict(fg_nav: FgNav) -> None:
     assert "verdict" in ran.out.lower()
     found = json.loads(fg_nav("inspect", recorded("walk"), "--json").out)
     assert (found["usable"], found["refusal"]) == (True, None)
-    assert found["verdict"][0] == "trusted: it can be navigated with."
+    assert found["verdict"][0] == "usable: `fg-nav run` judges the path."
     assert found["stamps"]["rate_hz"] == pytest.approx(200.0, abs=0.1)
     assert found["field"]["strength_uT"] > 0
     Path("short.csv").write_text("\n".join((recorded("walk")).read_text().splitlines()[:6]))
@@ -289,7 +289,7 @@ def test_fixes_and_what_is_left_out_are_said_first(fg_nav: FgNav) -> None:
 
 def test_a_pocket_is_inspected_and_its_methods_compared(fg_nav: FgNav) -> None:
     ran = fg_nav("inspect", recorded("pocket"))
-    assert "trusted: it can be navigated with, as that of a trouser pocket (--mount pocket)." in ran.out
+    assert "usable, as that of a trouser pocket (--mount pocket): `fg-nav run` judges the path." in ran.out
     ran = fg_nav("inspect", recorded("pocket"), "--mount", "foot", "--json")
     assert json.loads(ran.out)["refusal"].startswith("the sensor was")
     assert fg_nav("compare", recorded("pocket")).refused("the sensor was in a trouser pocket", "--mount pocket")
