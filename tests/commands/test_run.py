@@ -293,6 +293,8 @@ def test_a_pocket_is_inspected_and_its_methods_compared(fg_nav: FgNav) -> None:
     ran = fg_nav("inspect", recorded("pocket"), "--mount", "foot", "--json")
     assert json.loads(ran.out)["refusal"].startswith("the sensor was")
     assert fg_nav("compare", recorded("pocket")).refused("the sensor was in a trouser pocket", "--mount pocket")
+    ran = fg_nav("run", recorded("pocket"), "--mount", "pocket", "--step-constant", 0.8, "--plots", "none")
+    assert "step constant 0.8 m (given), sigma 0.0" in ran.out
     ran = fg_nav("compare", recorded("pocket"), "--mount", "pocket", "--plots", "none", "--out", "out", "--json")
     assert [one["method"] for one in json.loads(ran.out)["methods"]] == ["pocket", "munoz-diaz2017"]
     assert config("out/pocket")["given"]["mount"] == "pocket"
