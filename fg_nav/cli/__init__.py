@@ -11,6 +11,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import signal
 import sys
 import traceback
 from collections.abc import Callable
@@ -117,6 +118,7 @@ app.add_typer(lab, name="lab", hidden=True)
 def main() -> NoReturn:
     """Run the command line and exit."""
     collect_seldom()
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))  # what was begun is removed, as by Ctrl-C
     _open_outputs()
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name the terminal cannot show is no bug

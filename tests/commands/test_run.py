@@ -2,6 +2,9 @@
 
 import json
 import re
+import subprocess
+import sys
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -61,6 +64,11 @@ def test_options_reach_the_method_and_the_record(fg_nav: FgNav) -> None:
     again = fg_nav(*arguments)
     assert (again.code, again.out) == (1, "")
     assert json.loads(again.err)["error"].startswith("out already holds a result")
+    with subprocess.Popen([sys.executable, "-m", "fg_nav", "run", recorded("walk"), "--out", "ended"]) as ended:
+        while ended.poll() is None and not Path("ended").exists():
+            time.sleep(0.01)
+        ended.terminate()
+    assert (ended.returncode, Path("ended").exists()) == (143, False)
     first, last = (strides("out").iloc[k] for k in (0, 8))
     assert first["heading_deg"] == pytest.approx(90.0, abs=0.5)
     assert last["x_m"] - first["x_m"] > 5  # the walk starts straight ahead: now east
