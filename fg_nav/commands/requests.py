@@ -123,7 +123,7 @@ class ReadingOptions:
     """How a file is read whose content leaves it open."""
 
     format: str | None = option(
-        INPUT, "Its format. \\[default: recognised from the content]", "NAME", autocompletion=complete_formats
+        INPUT, "Its format. \\[default: recognized from the content]", "NAME", autocompletion=complete_formats
     )
     columns: str | None = option(
         INPUT,

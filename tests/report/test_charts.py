@@ -157,6 +157,8 @@ def test_methods_stand_side_by_side_and_a_walk_without_samples_has_a_page(walk: 
     write_comparison(tmp_path, walk, {"smoother": walks.outcome(walk), "iez": walks.outcome(walk, "iez", 4.0)})
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "Methods side by side" in text
+    links = re.findall(r'<li><a href="#([a-z-]+)">', text)
+    assert links == [name for name in re.findall(r'<section id="([a-z-]+)"', text) if name in links]
     assert {"smoother", "iez"} <= {trace["name"] for trace in charts_of(text)["path"]["data"]}
     for name in ("path", "height", "bias", "heading"):
         entries = [one["name"] for one in charts_of(text)[name]["data"] if one.get("showlegend", True)]
