@@ -1,6 +1,6 @@
 """fg-nav: pedestrian inertial navigation as a factor graph.
 
-This page is the constitution: every module keeps to it.
+Frames, units and the order of steps, the same in every module.
 
 Frames
 ------

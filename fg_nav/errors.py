@@ -83,5 +83,5 @@ class OutputError(FgNavError):
 
 
 def describe_reason(error: Exception) -> str:
-    """Return why the system refused, in its words."""
-    return (getattr(error, "strerror", None) or str(error) or type(error).__name__).lower()
+    """Return why the system refused, in its words, without those that Python adds on an address in brackets."""
+    return (getattr(error, "strerror", None) or str(error) or type(error).__name__).lower().partition(" (while")[0]

@@ -157,7 +157,7 @@ class Inspection:
         """One sentence a finding, the most important first."""
         word, reasons, why = self.samples_verdict.word, self.samples_verdict.reasons, self.obstacle
         how = ", as that of a trouser pocket (--mount pocket)" if self.mount == "pocket" else ""
-        first = f"{word}: {'; '.join(reasons)}." if reasons else f"{word}: it can be navigated with{how}."
+        first = f"{word}: {'; '.join(reasons)}." if reasons else f"usable{how}: `fg-nav run` judges the path."
         first = first if why is None else f"{UNUSABLE}: it cannot be navigated with: {why}"
         further = [f"{_capitalize(p)}." for p in self.unit_problems if p not in (self.refusal or "")]
         return (first, *further, *_list_problems(self), *_list_unjudged(self), *_list_merits(self))

@@ -205,7 +205,8 @@ def describe_invalid(error: ValidationError, kind: object) -> str:
     """
     first = error.errors()[0]
     path = [str(part) for part in first["loc"]]
-    words = re.sub(r" or (an )?instance of \w+", "", first["msg"].replace("Input should be", "give"))
+    said = first["msg"].removeprefix("Value error, ").replace("Input should be", "give")
+    words = re.sub(r" or (an )?instance of \w+", "", said)
     if first["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
         *table, key = path
         return (

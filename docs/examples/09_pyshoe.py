@@ -24,8 +24,9 @@ else:
     print("PyShoe's data are not at hand where this was built.")
 
 # %%
-# All trials with the stances of PyShoe's labels: each step of a line is one of them. Run it in ``docs/examples``.
-stored = json.loads(Path("../results/real-walks.json").read_text(encoding="utf-8"))
+# All trials with the stances of PyShoe's labels: each step of a line is one of them.
+docs = Path(__file__).resolve().parents[1] if "__file__" in globals() else Path("..")  # not known in the gallery
+stored = json.loads((docs / "results/real-walks.json").read_text(encoding="utf-8"))
 fig, axes = plt.subplots()
 for name in ("inertial", "iez"):
     rows = [row for row in stored["rows"] if (row["section"], row["variant"]) == ("vicon, labels", name)]

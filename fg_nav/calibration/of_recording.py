@@ -175,6 +175,13 @@ class Effect:
     heading_before_deg: float = float("nan")  # Circular sd of compass minus gyroscope, drift included, at footfalls.
     heading_after_deg: float = float("nan")
 
+    @property
+    def is_harmful(self) -> bool:
+        """Whether strength and heading together, as far as known, scatter more after than before."""
+        before = self.strength_before_uT, self.heading_before_deg
+        after = self.strength_after_uT, self.heading_after_deg
+        return bool(np.nanprod(np.divide(after, before)) > 1.0)
+
 
 @dataclass(frozen=True)
 class CalibrationResult:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import signal
 import sys
 import traceback
 from collections.abc import Callable
@@ -66,7 +67,7 @@ HELP_ALL: Any = typer.Option(
 )
 
 
-def add_command(verbs: typer.Typer, form: type[Request], hidden: bool = False) -> None:
+def add_command(verbs: typer.Typer, form: type[Request]) -> None:
     """Add the verb of a request: its options are the fields by group, the class's own before those of its bases."""
     module, _, verb = form.verb.partition(":")
 
@@ -88,7 +89,7 @@ def add_command(verbs: typer.Typer, form: type[Request], hidden: bool = False) -
         ]
     )
     call.__annotations__ = {name: hints[name] for name in options}
-    verbs.command(verb, help=cleandoc(form.__doc__ or ""), hidden=hidden)(call)
+    verbs.command(verb, help=cleandoc(form.__doc__ or ""))(call)
 
 
 def answer(request: Request, verb: Callable[[Any], Answer]) -> None:
@@ -108,15 +109,16 @@ def answer(request: Request, verb: Callable[[Any], Answer]) -> None:
 
 
 for form in (*REQUESTS, *laboratory.BESIDE):
-    add_command(app, form, hidden=form in laboratory.BELOW)  # they are in `lab` too
+    add_command(app, form)
 for form in laboratory.BELOW:
     add_command(lab, form)
-app.add_typer(lab, name="lab")
+app.add_typer(lab, name="lab", hidden=True)
 
 
 def main() -> NoReturn:
     """Run the command line and exit."""
     collect_seldom()
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))  # what was begun is removed, as by Ctrl-C
     _open_outputs()
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name the terminal cannot show is no bug

@@ -96,11 +96,14 @@ def print_calibration(found: CalibrationResult, place: Path) -> None:
         rows.append(("residual", f"{magnetometer.residual_uT:.3g} uT over {magnetometer.samples} readings"))
         rows += [("notes" if i == 0 else "", note) for i, note in enumerate(magnetometer.notes)]
     axes = "" if found.axes is None else f" --mag-axes={found.axes}"
-    rows.append(("file", str(place)))
-    if effect is not None and effect.heading_after_deg > effect.heading_before_deg:
-        rows.append(("doubtful", "the compass is worse by it: walk more turns, both ways, and calibrate again"))
-    else:
-        rows.append(("to use it", f"fg-nav run RECORDING --calibration {place}{axes}"))
+    use = f"fg-nav run RECORDING --calibration {place}{axes}"
+    is_harmful = effect is not None and effect.is_harmful
+    if is_harmful:
+        words = (
+            "corrected by it, this recording's readings scatter more than raw: leave it, and calibrate by a walked loop"
+        )
+        rows.insert(0, ("caution", words))
+    rows += [("file", str(place)), *([] if is_harmful else [("to use it", use)])]
     out.print(listing(rows), soft_wrap=True)
 
 

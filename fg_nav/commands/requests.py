@@ -123,7 +123,7 @@ class ReadingOptions:
     """How a file is read whose content leaves it open."""
 
     format: str | None = option(
-        INPUT, "Its format. \\[default: recognised from the content]", "NAME", autocompletion=complete_formats
+        INPUT, "Its format. \\[default: recognized from the content]", "NAME", autocompletion=complete_formats
     )
     columns: str | None = option(
         INPUT,
@@ -136,9 +136,7 @@ class ReadingOptions:
         "Of a file without a clock: its samples are counted. With a sigma behind it, 200+-0.1. \\[default: 2 %]",
         "HZ[+-HZ]",
     )
-    sensor: str | None = option(
-        INPUT, "Which of several sensors in the file, by a word of its name; with --mount feet two, left,right.", "NAME"
-    )
+    sensor: str | None = option(INPUT, "Which of several sensors in the file, by a word of its name.", "NAME")
 
 
 @dataclass(kw_only=True, repr=False, eq=False)
@@ -168,13 +166,11 @@ class SensorOptions(AxesOptions):
     heading: float | None = option(
         WALK,
         "Heading at the start, degrees clockwise from north: of the sensor's x axis, or of the first strides "
-        "with --mount pocket, or of the left sensor with --mount feet. "
+        "with --mount pocket. "
         "\\[default: what the compass says, in a method that uses it; else 0]",
         "DEG",
     )
-    calibration: Path | None = option(
-        INPUT, "Calibration to apply, from `fg-nav calibrate`; with --mount feet A,B.", "FILE"
-    )
+    calibration: Path | None = option(INPUT, "Calibration to apply, from `fg-nav calibrate`.", "FILE")
 
 
 @dataclass(kw_only=True, repr=False, eq=False)
@@ -198,9 +194,7 @@ class FieldOptions:
 class TruthOptions:
     """What the path is compared with."""
 
-    truth: Path | None = option(
-        WALK, "True path or footprints; with --mount feet A,B. \\[default: what the recording carries]", "FILE"
-    )
+    truth: Path | None = option(WALK, "True path or footprints. \\[default: what the recording carries]", "FILE")
     alignment: Literal["yaw", "none", "origin", "se3"] = option(
         WALK, "How the solution is laid on the truth before errors are counted.", default="yaw"
     )
@@ -355,8 +349,8 @@ class RunRequest(WalkOptions, AidOptions):
     )
     mount: Literal["foot", "feet", "pocket"] = option(
         WALK,
-        "Where the sensor was worn; a pocket is one of trousers. feet: a sensor on each foot, two recordings "
-        "of one walk, or one file with both, see --sensor.",
+        "Where the sensor was worn; a pocket is one of trousers. feet: a sensor on each foot, two recordings of one "
+        "walk, with --truth and --calibration A,B and --heading of the left one; or one file and --sensor left,right.",
         default="foot",
     )
     sides: Literal["left,right", "right,left"] | None = option(
@@ -470,7 +464,8 @@ class StreamRequest(SensorOptions, FieldOptions, AidOptions, ViewOptions, PlotOp
     lag: float | None = option(METHOD, "Forget what is older. \\[default: keep the whole walk]", "SECONDS")
     mount: Literal["foot", "feet", "pocket"] = option(
         WALK,
-        "Where the sensor is worn; a pocket is one of trousers. feet: one on each foot, two sources.",
+        "Where the sensor is worn; a pocket is one of trousers. feet: one on each foot, two sources, with "
+        "--calibration A,B and --heading of the left one.",
         default="foot",
     )
     clock_offset: float | None = option(WALK, "To add to the stamps of the right foot of --mount feet.", "SECONDS")

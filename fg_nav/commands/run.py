@@ -59,8 +59,8 @@ COMPARED: Mapping[Mount, str] = {"foot": "smoother,iez", "pocket": "pocket,munoz
 """Methods that are compared where none were named."""
 
 ONE_FILE = (
-    "--mount feet takes two recordings, one of each foot, or one file with both sensors: name them by --sensor A,B, as "
-    "--sensor left,right."
+    "--mount feet takes two recordings, one of each foot: add the other one; or one file with both sensors, which "
+    "--sensor A,B names"
 )
 
 
@@ -175,7 +175,7 @@ def run_feet(request: RunRequest, method: Method, options: Options) -> Answer:
     if len(recordings) == 1 and len(sensors) == 2 and all(sensors):
         recordings, readings = [recordings[0]] * 2, [replace(reading, sensor=sensor) for sensor in sensors]
     if len(recordings) == 1:
-        raise EstimationError(ONE_FILE)
+        raise EstimationError(f"{ONE_FILE}, as --sensor left,right.")
     in_one = len(recordings) == 2 and recordings[0] == recordings[1]  # on one clock
     if len(recordings) != 2 or (in_one and readings[0] == readings[1]):
         given = "the same one twice" if in_one else f"{len(recordings)} of them"
@@ -193,7 +193,10 @@ def run_feet(request: RunRequest, method: Method, options: Options) -> Answer:
             try:
                 walks.append(read_walk(path, own, one))
             except FormatError as error:
-                raise error if request.sensor or not in_one else EstimationError(f"{ONE_FILE} ({error})") from None
+                if request.sensor or not in_one:
+                    raise
+                reason = str(error).removesuffix(": leave --sensor out.")
+                raise EstimationError(f"{ONE_FILE}, but {reason.removesuffix('.')}.") from None
         if wants_truth and all(name_truth(one).is_file() for one in recordings):
             walks = list(map(find_truth, walks, recordings))
         result = navigate_feet(

@@ -190,6 +190,8 @@ def refuse_misfits(request: Request, methods: Sequence[Method] = (), recordings:
         option = names.get(item.name, f"--{item.name.replace('_', '-')}")
         if mount not in where.mounts:
             there, add = " or ".join(where.mounts), "add that, or " if mount == "foot" else ""
+            if item.name == "fixes" and mount == "pocket" and hasattr(request, "gnss"):
+                add = "give positions of a receiver with --gnss, or "
             raise EstimationError(f"{option} is for --mount {there}: {add}leave {option} out.")
         if no_mag and where.mag:
             raise EstimationError(f"{option} is for the magnetic field: leave {option} out with --no-mag.")

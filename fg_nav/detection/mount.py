@@ -170,7 +170,8 @@ def refuse_pocket(recording: Recording) -> None:
     signs = measure_turning(recording)
     if signs.wearing == "pocket":
         raise EstimationError(
-            f"the sensor was in a trouser pocket, not on a foot (only {signs.words}): run it with --mount pocket."
+            f"the sensor was in a trouser pocket, not on a foot (only {signs.words}): try `fg-nav run RECORDING "
+            "--mount pocket`."
         )
 
 

@@ -103,7 +103,7 @@ MAX_UPDATES = 3
 # own the ordering may reverse a part of the walk, newest first, which is eliminated again at each footfall then.
 IN_ORDER = 3
 
-STANDS_ON = "a further piece of a standing, whose field counts once"  # Reason of a verdict.
+STANDS_ON = "the foot still stands: the field of a standing counts once"  # Reason of a verdict.
 REASON = "the walk had no solution here, and goes on from the footfall before"
 NODE_SPEED_M_S = 0.1  # Sigma of the velocity of a foot at the end of its stance,
 SWINGING_M_S = 3.0  # and of one that was not seen.

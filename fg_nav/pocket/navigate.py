@@ -201,7 +201,10 @@ def describe_steps(steps: Steps, step_length: StepLength, is_forward_known: bool
             "(one sigma): calibrate it once with --known-distance"
         )
     else:
-        notes.append(f"step constant {step_length.constant_m:.4g} m ({step_length.source})")
+        notes.append(
+            f"step constant {step_length.constant_m:.4g} m ({step_length.source}), "
+            f"sigma {step_length.constant_m * step_length.sigma:.2g} m"
+        )
     if not is_forward_known:
         notes.append("the swing hardly distinguishes forward from backward: the path may be turned by 180 deg")
     return notes

@@ -32,7 +32,7 @@ from fg_nav.frames import compute_heading
 from fg_nav.magnetic.detectors import DISTURBED, QUASI_STATIC
 from fg_nav.samples.gaps import find_holes
 from fg_nav.solution import Solution, StanceTable
-from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
+from fg_nav.truth import Fix, FootprintTruth, TrajectoryTruth, Truth
 from fg_nav.walk import Options, Outcome, Walk
 
 if TYPE_CHECKING:
@@ -56,6 +56,7 @@ PICTURE = "picture"  # Key of a trace: whether a picture has it, where this is n
 BAND = 1.96  # Half width of a 95 % band, in standard deviations.
 _DIGITS = 6  # Significant digits of what has no number of decimals.
 
+START_M = 0.05  # Sigma of the first footfall, of a stance's length, where it is the origin; by fixes it is larger.
 GAUGE_RAD = 0.02  # A heading surer than this at the start was given, or is zero by definition; no compass is as good.
 ELLIPSE_RADIUS = float(np.sqrt(-2.0 * np.log(1.0 - 0.95)))  # 95 % ellipse of a 2-D normal distribution, sigmas.
 REACH = 0.3  # Largest share of a map's extent that an ellipse adds to it: a huge one would hide the path.
@@ -292,14 +293,16 @@ class Frame:
     words: str
 
 
-def describe_frame(view: AlignedSolution, outcome: Outcome, options: Options, is_located: bool = False) -> Frame:
-    """Frame of a drawn solution; `is_located` by fixes that have an origin on the globe."""
+def describe_frame(view: AlignedSolution, outcome: Outcome, options: Options, fixes: Sequence[Fix] = ()) -> Frame:
+    """Frame of a drawn solution; two or more `fixes`, or a receiver's, determine north."""
     if isinstance(view.truth, FootprintTruth):
         return Frame("x", "y", "y", "The axes are those of the survey; its azimuth is not known.")
     if view.truth is not None:
         return Frame("east", "north", "N", "North is that of the truth.")
-    if is_located:
-        return Frame("east", "north", "N", "North is true, as the fixes show it.")
+    if outcome.solution.parameters.get("gnss_start") or (len(fixes) > 1 and fixes[0].origin is not None):
+        return Frame("east", "north", "N", "North is true, by the fixes.")
+    if len(fixes) > 1:
+        return Frame("east", "north", "N", "North is that of the fixes.")
     if options.heading_deg is not None:
         given = f"North follows from the heading at the start, given as {options.heading_deg:g}°."
         return Frame("east", "north", "N", given)
@@ -327,10 +330,8 @@ def align_paths(outcomes: Mapping[str, Outcome], walk: Walk | None) -> Paths:
     """Align each method's path with the truth, if there is one; the frame is that of the first."""
     views = {name: align_solution(walk, outcome) for name, outcome in outcomes.items()}
     (first, *_), (outcome, *_) = views.values(), outcomes.values()
-    if walk is None:
-        return Paths(views, describe_frame(first, outcome, Options()))
-    is_located = "gnss_start" in first.solution.parameters or (len(walk.fixes) > 1 and walk.fixes[0].origin is not None)
-    return Paths(views, describe_frame(first, outcome, walk.options, is_located))
+    options, fixes = (Options(), ()) if walk is None else (walk.options, walk.fixes)
+    return Paths(views, describe_frame(first, outcome, options, fixes))
 
 
 def align_feet(result: FeetResult) -> Paths:
@@ -349,7 +350,10 @@ def align_feet(result: FeetResult) -> Paths:
 
 def describe_ellipses(view: AlignedSolution) -> str:
     """Content of the ellipses, and their reference, in words."""
-    own = "Ellipses hold 95 % by the method's own covariance, relative to the first footfall"
+    own, start = "Ellipses hold 95 % by the method's own covariance", view.solution.stances.position_cov[:1]
+    if np.any(start[:, :2, :2] > START_M**2):
+        return f"{own}, which includes the uncertainty of the start and of north."
+    own += ", relative to the first footfall"
     if view.is_turned:
         return (
             f"{own} and to a path that is turned onto the truth: the uncertainty of north is not in them. Laid on "

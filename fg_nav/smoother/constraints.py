@@ -187,7 +187,7 @@ def make_own_factors(extra: ExtraFactors, nodes: GraphNodes) -> OwnFactors:
             if linear is not None:  # one that is not active there
                 gtsam.JacobianFactor(linear)
         except Exception as reason:
-            words = " ".join(str(reason).split())
+            words = " ".join(str(reason).split()).rstrip(".")
             raise EstimationError(f"extra factor {i} cannot be linearized ({words}): correct it.") from reason
         if not np.isfinite(error):
             raise EstimationError(

@@ -286,6 +286,6 @@ def write_note(differential: DifferentialFactors | None) -> tuple[str, ...]:
     worst, best = np.degrees(1.0 / np.sqrt(np.maximum(np.median(values, axis=0), 1.0)))[[0, -1]]
     where = f"{format_count(stances, 'stance')} and {format_count(standings, 'standing')}"
     return (
-        f"gyro bias by the differential field of {where}: to {best:.2g} deg/s in the best direction and "
-        f"{worst:.2g} in the worst of each variable, median",
+        f"gyro bias by the differential field of {where}: to {best:.2g} deg/s about the best axis and "
+        f"{worst:.2g} about the worst, medians",
     )

@@ -25,6 +25,7 @@ from fg_nav.detection.rest import RestParameters, find_still_stretches
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic.detectors import QUASI_STATIC
 from fg_nav.mechanisation import integrate_strides
+from fg_nav.pocket.dead_reckoning import DEFAULT_CONSTANT_M, DEFAULT_SIGMA
 from fg_nav.samples.gaps import list_bridged, measure_unseen
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.verdict import limits
@@ -338,6 +339,13 @@ def list_path_signs(observed: WalkSigns) -> Iterator[Reason]:
     sigma_deg = float(np.degrees(table.heading_sigma[-1]))
     yield Reason(weigh(sigma_deg, 30.0, 90.0), f"the heading at the end is known to {sigma_deg:.0f} deg only")
     yield limits.judge_position(table.position_cov[-1, :2, :2], observed.way, in_pocket)
+    # a step constant that is no adult's
+    step_length = solution.parameters.get("step_length")
+    if in_pocket and isinstance(step_length, dict):
+        constant, source = step_length["constant_m"], step_length["source"]
+        sigmas = abs(constant / DEFAULT_CONSTANT_M - 1.0) / DEFAULT_SIGMA
+        words = f"the step constant is {constant:.2f} m ({source}), {sigmas:.1f} sigma from an adult's"
+        yield Reason(weigh(sigmas, 3.0, 10.0), f"{words} {DEFAULT_CONSTANT_M:.2f} m")
 
 
 def list_sample_signs(observed: WalkSigns) -> Iterator[Reason | None]:

@@ -79,6 +79,8 @@ class History:
             if kind != self._at_end:
                 self._at_end, self._replaced, self._rows, self._thinned_m = kind, self._rows, [], 0.0
             self._rows.append((event["t"], *event["position_m"]))
+            if self.last is not None and "verdict" in event:  # on the whole path
+                self.last |= {key: event[key] for key in ("verdict", "reasons")}
             self._thin()
         else:
             return False

@@ -246,8 +246,8 @@ class StatusReporter:
         silent_s = 0.0 if self._silent_since is None else now - self._silent_since
         source = "ok" if silent_s < SILENT_S else f"silent {silent_s:.0f} s"
         flow = {
-            "latency_ms": None if self._latency_ms is None else round(self._latency_ms, 1),
-            "rate_hz": round(sum(count for _, count in self._counts) / RATE_S, 1),
+            "latency_ms": None if ended or self._latency_ms is None else round(self._latency_ms, 1),
+            "rate_hz": None if ended else round(sum(count for _, count in self._counts) / RATE_S, 1),
             "lost_samples": lost["samples"],
             "lost_datagrams": lost["datagrams"],
             "source": "ended" if ended else source,

@@ -3,6 +3,7 @@
 import json
 from dataclasses import fields, is_dataclass, replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,11 +28,13 @@ from fg_nav.calibration.inertial import (
 from fg_nav.calibration.of_recording import (
     METHODS,
     Calibration,
+    Effect,
     calibrate,
     is_calibration,
     read_calibration,
     write_calibration,
 )
+from fg_nav.commands.calibrate import print_calibration
 from fg_nav.detection import detect_stances, find_rests
 from fg_nav.errors import CalibrationError, MagneticError
 from fg_nav.frames import GRAVITY_M_S2
@@ -186,7 +189,7 @@ def test_foreign_files_no_file_and_a_folder_are_refused(tmp_path):
 # all calibrations of one recording
 
 
-def test_a_sensor_that_was_turned_over_gets_the_ellipsoid():
+def test_a_sensor_that_was_turned_over_gets_the_ellipsoid(capsys):
     recording = tumble()
     found = calibrate(recording)
     tame, magnetometer = found.effect, found.calibration.magnetometer
@@ -201,6 +204,10 @@ def test_a_sensor_that_was_turned_over_gets_the_ellipsoid():
     wild = calibrate(replace(recording, mag=mag)).effect
     assert wild.strength_before_uT == pytest.approx(tame.strength_before_uT, rel=0.01)
     assert wild.strength_after_uT == pytest.approx(tame.strength_after_uT, rel=0.01)
+    for effect in (tame, Effect(9.29, 9.97, 8.28, 17.39)):  # the other one, of a straight walk, is harmful
+        print_calibration(replace(found, effect=effect), Path("cal.json"))
+        said = capsys.readouterr().out
+        assert ("to use it" in said, "caution" in said) == ((True, False) if effect is tame else (False, True))
 
 
 @cache

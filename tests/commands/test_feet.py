@@ -221,4 +221,4 @@ def test_both_feet_of_one_file_are_found_by_the_names_of_its_columns(fg_nav: FgN
         found.append(json.loads(fg_nav("run", "both.csv", *run, *given).out))
         assert (found[-1]["sides_known"], found[-1]["sides"][0][0]) == ("named", words[0][0].lower())
     assert len({one["distance_m"] for one in found[:2]}) == 1
-    assert fg_nav("run", "both.csv", *run[:2]).refused("one file with both sensors: name them by --sensor A,B")
+    assert fg_nav("run", "both.csv", *run[:2]).refused("both sensors, which --sensor A,B names, but ")

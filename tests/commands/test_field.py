@@ -81,10 +81,10 @@ def test_a_calibration_from_a_loop_brings_the_compass_to_the_gyroscope(
 def test_a_calibration_that_makes_the_compass_worse_is_not_recommended(
     after_deg: float, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    found = CalibrationResult(Calibration(), "walk", effect=Effect(2.0, 1.0, 8.0, after_deg))
+    found = CalibrationResult(Calibration(), "walk", effect=Effect(1.0, 1.1, 8.0, after_deg))
     print_calibration(found, Path("cal.json"))
     printed = capsys.readouterr().out
-    assert ("to use it" in printed, "the compass is worse by it" in printed) == (after_deg < 8.0, after_deg > 8.0)
+    assert ("to use it" in printed, "caution" in printed) == (after_deg < 8.0, after_deg > 8.0)
 
 
 @pytest.mark.parametrize("method", ["ellipsoid", "sphere"])

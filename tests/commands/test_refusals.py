@@ -104,6 +104,7 @@ def test_what_applies_somewhere_is_an_option() -> None:
         ("stream a.csv --mount pocket --lag 60", "--lag is for --mount foot: leave --lag out."),
         ("stream a.csv --mount pocket --gate aiez", "--gate is for --mount foot or feet: leave --gate out."),
         ("stream a.csv --mount pocket --fixes good.fixes", "--fixes is for --mount foot"),
+        ("run a.csv --mount pocket --fixes good.fixes", "--fixes is for --mount foot: give | --gnss"),
         ("stream a.csv --step-constant 0.8", "--step-constant is for --mount pocket: add that, or leave"),
         ("stream PART --mount pocket --step-constant 5", "no person's"),
         ("stream a.csv --lag 60 --polish", "--polish"),
@@ -192,7 +193,7 @@ def test_what_applies_somewhere_is_an_option() -> None:
         # two feet
         ("run PART MIRRORED --mount feet", "mirrored.csv: "),
         ("run PART BARE PART --mount feet", "takes two recordings | 3 of them"),
-        ("run PART --mount feet", "takes two recordings | --sensor A,B"),
+        ("run PART --mount feet", "takes two recordings | add the other one | no sensor to choose."),
         ("run PART PART --mount feet", "takes two recordings | one twice"),
         ("run PART BARE --mount feet --truth no.tum,nothing.tum", "no.tum"),
         # conversions

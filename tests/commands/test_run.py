@@ -2,6 +2,9 @@
 
 import json
 import re
+import subprocess
+import sys
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -61,6 +64,11 @@ def test_options_reach_the_method_and_the_record(fg_nav: FgNav) -> None:
     again = fg_nav(*arguments)
     assert (again.code, again.out) == (1, "")
     assert json.loads(again.err)["error"].startswith("out already holds a result")
+    with subprocess.Popen([sys.executable, "-m", "fg_nav", "run", recorded("walk"), "--out", "ended"]) as ended:
+        while ended.poll() is None and not Path("ended").exists():
+            time.sleep(0.01)
+        ended.terminate()
+    assert (ended.returncode, Path("ended").exists()) == (143, False)
     first, last = (strides("out").iloc[k] for k in (0, 8))
     assert first["heading_deg"] == pytest.approx(90.0, abs=0.5)
     assert last["x_m"] - first["x_m"] > 5  # the walk starts straight ahead: now east
@@ -199,7 +207,7 @@ def test_inspect_gives_figures_and_a_verdict(fg_nav: FgNav) -> None:
     assert "verdict" in ran.out.lower()
     found = json.loads(fg_nav("inspect", recorded("walk"), "--json").out)
     assert (found["usable"], found["refusal"]) == (True, None)
-    assert found["verdict"][0] == "trusted: it can be navigated with."
+    assert found["verdict"][0] == "usable: `fg-nav run` judges the path."
     assert found["stamps"]["rate_hz"] == pytest.approx(200.0, abs=0.1)
     assert found["field"]["strength_uT"] > 0
     Path("short.csv").write_text("\n".join((recorded("walk")).read_text().splitlines()[:6]))
@@ -273,6 +281,10 @@ def test_fixes_and_what_is_left_out_are_said_first(fg_nav: FgNav) -> None:
     assert said[4] == f"fixes: 4, {fixes['rms_m']:.2f} m rms off over ground, 1 beyond 3 sigma"
     assert summary("out")["origin"] == [*(pytest.approx(one, abs=1e-8) for one in degrees[0, :2]), None]
     assert any("of the first fix, at 48.0" in note for note in summary("out")["notes"])
+    assert fg_nav("run", "walk.csv", "--fixes", "fixes.csv", "--out", "page").code == 0
+    page = Path("page/report.html").read_text()
+    assert "North is true, by the fixes." in page
+    assert "covariance, which includes the uncertainty of the start and of north" in page
     assert "Only rows 2 to" in fg_nav("inspect", "walk.csv").out
     ran = fg_nav("export", "out", "walk.geojson", "--json")
     assert "north is true" in json.loads(ran.out)["remarks"][0]
@@ -285,10 +297,12 @@ def test_fixes_and_what_is_left_out_are_said_first(fg_nav: FgNav) -> None:
 
 def test_a_pocket_is_inspected_and_its_methods_compared(fg_nav: FgNav) -> None:
     ran = fg_nav("inspect", recorded("pocket"))
-    assert "trusted: it can be navigated with, as that of a trouser pocket (--mount pocket)." in ran.out
+    assert "usable, as that of a trouser pocket (--mount pocket): `fg-nav run` judges the path." in ran.out
     ran = fg_nav("inspect", recorded("pocket"), "--mount", "foot", "--json")
     assert json.loads(ran.out)["refusal"].startswith("the sensor was")
     assert fg_nav("compare", recorded("pocket")).refused("the sensor was in a trouser pocket", "--mount pocket")
+    ran = fg_nav("run", recorded("pocket"), "--mount", "pocket", "--step-constant", 0.8, "--plots", "none")
+    assert "step constant 0.8 m (given), sigma 0.0" in ran.out
     ran = fg_nav("compare", recorded("pocket"), "--mount", "pocket", "--plots", "none", "--out", "out", "--json")
     assert [one["method"] for one in json.loads(ran.out)["methods"]] == ["pocket", "munoz-diaz2017"]
     assert config("out/pocket")["given"]["mount"] == "pocket"
@@ -296,7 +310,7 @@ def test_a_pocket_is_inspected_and_its_methods_compared(fg_nav: FgNav) -> None:
 
 def test_help_keeps_what_is_seldom_needed_until_it_is_asked_for(fg_nav: FgNav) -> None:
     for verb, seldom in (
-        ((), ("detect", "simulate")),
+        ((), ("lab",)),
         (("run",), ("--preset", "matched")),
         (("compare",), ("--preset",)),
     ):
@@ -306,6 +320,8 @@ def test_help_keeps_what_is_seldom_needed_until_it_is_asked_for(fg_nav: FgNav) -
         for word in seldom:
             assert re.search(rf"\W{word}\W", full.out), word
             assert not re.search(rf"\W{word}\W", plain.out), word
+    assert all(re.search(rf"\W{verb}\W", in_a_process("--help").out) for verb in ("detect", "simulate"))
+    assert "feet" not in in_a_process("compare", "--help").out
     preset = ("--method", "iez", "--preset", "magic")  # is there all the same
     assert fg_nav("run", "a.csv", *preset).refused("no preset 'magic'")
 

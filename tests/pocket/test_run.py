@@ -111,7 +111,7 @@ def test_without_a_magnetometer_it_says_so_and_goes_on(fg_nav, files):
 
 REFUSED = {
     "foot.csv --mount pocket": ["on a foot", "leave --mount pocket out"],
-    "pocket.csv": ["in a trouser pocket", "--mount pocket"],
+    "pocket.csv": ["in a trouser pocket", "run RECORDING --mount pocket"],
     "standing.csv --mount pocket": ["no walk in it"],
     "pocket.csv --mount pocket --method iez": ["iez is for --mount foot", "pocket"],
     "pocket.csv --method pocket": ["pocket is for --mount pocket"],
@@ -137,6 +137,9 @@ def test_a_pocket_of_few_strides_is_never_trusted_and_none_is_told_of_a_foots_ra
 
     stances, verdict = judged(walk.recording)
     assert verdict.word == "trusted"
+    short = navigate(walk.recording, "pocket", options=Options(mount="pocket", step_constant_m=0.5)).verdict
+    assert short.word != "trusted"
+    assert any("4.4 sigma from an adult's" in words for words in short.reasons)
     few, verdict = judged(walk.recording.slice(max(int(stances.sample[0]) - 100, 0), int(stances.sample[2])))
     assert len(few) - 1 <= 2
     assert verdict.word == "not to be used"

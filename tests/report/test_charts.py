@@ -127,7 +127,7 @@ def test_the_graph_of_a_solution_is_told_and_drawn(walk: Walk) -> None:
     assert "418 in all. The gate left out the compass of 1 footfall." in words
     frame = describe_frame(view, walks.outcome(walk), walk.options)
     fixes = tuple(Fix(float(k), np.zeros(3), 1.0, origin=(48.0, 11.0, 500.0)) for k in range(2))
-    for given, words in (((), "not known"), (fixes, "true, as the fixes")):
+    for given, words in (((), "not known"), (fixes, "true, by the fixes")):
         one = replace(walks.without_truth(walk), fixes=given)
         assert words in align_paths({"iez": walks.outcome(one, "iez")}, one).frame.words
     charts = {chart.name: chart for chart in draw_graph(view, frame)}
@@ -161,6 +161,8 @@ def test_methods_stand_side_by_side_and_a_walk_without_samples_has_a_page(walk: 
     write_comparison(tmp_path, walk, {"smoother": walks.outcome(walk), "iez": walks.outcome(walk, "iez", 4.0)})
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "Methods side by side" in text
+    links = re.findall(r'<li><a href="#([a-z-]+)">', text)
+    assert links == [name for name in re.findall(r'<section id="([a-z-]+)"', text) if name in links]
     assert {"smoother", "iez"} <= {trace["name"] for trace in charts_of(text)["path"]["data"]}
     for name in ("path", "height", "bias", "heading"):
         entries = [one["name"] for one in charts_of(text)[name]["data"] if one.get("showlegend", True)]

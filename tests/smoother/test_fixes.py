@@ -309,3 +309,4 @@ def test_what_cannot_join_is_refused_in_a_sentence() -> None:
         with pytest.raises(EstimationError, match=words) as caught:
             smooth_graph(walk.recording, walk.stances, DEFAULT, 0.0, **given)
         assert ". " not in str(caught.value)
+        assert ".)" not in str(caught.value)

@@ -156,6 +156,19 @@ def test_a_team_is_seen_on_a_plan(follow, tmp_path):
         east = page.evaluate("place(walks.get('ben'), 0, 0)[0] - place(walks.get('anna'), 0, 0)[0]")
         assert east == pytest.approx(20.0 * float(page.evaluate("view.scale")))
         assert page.evaluate("planCorners()[2]") == pytest.approx([-10.0, -10.0])
+        for end in (anna, ben):  # both names lie at one place, and say no more
+            end.send_status(status(13.5, [4.0, 0.0, 0.2], source="ended"))
+        page.evaluate("walks.get('ben').start = [0, 0]")
+        wait(page, "walks.get('anna').status.source === 'ended' && walks.get('ben').status.source === 'ended'")
+        page.evaluate("show()")
+        wait(
+            page,
+            "JSON.parse(canvas.dataset.labels)[0]?.[1] < 390 && Math.abs(place(walks.get('ben'), 0, 0)[0] - "
+            "place(walks.get('anna'), 0, 0)[0]) < 1",
+        )
+        first, second = page.evaluate("JSON.parse(canvas.dataset.labels)")
+        assert second[1] - second[0] < 40.0
+        assert second[2] - first[2] >= 16.0
         page.evaluate("document.getElementById('feet').hidden = false")
         legend, banner = (page.locator(name).bounding_box() for name in ("#feet", "#banner"))
         assert legend["x"] + legend["width"] <= banner["x"] or legend["y"] + legend["height"] <= banner["y"]

@@ -115,12 +115,13 @@ def test_a_walk_is_shown_as_it_goes_on(visit, server, width, scheme):
     assert page.inner_text("#source") == "source sends"
     server.send(now(20, 0.0, -3.0))
     assert page.inner_text("#returns") == "0"
-    server.send_status(status(20.2, [0.5, -3.5, 2.0], floor=-2, returns=[[10.0, 20.0, 0.0, 9.0]]))
+    server.send_status(status(20.2, [0.5, -3.5, -0.001], floor=-2, heading_deg=359.7, returns=[[10.0, 20.0, 0.0, 9.0]]))
     wait(page, "canvas.dataset.points === '21' && document.getElementById('stance').innerText === 'Swings'")
     moved = ellipse_of(page)
     assert (moved["east"], moved["north"]) == (0.5, -3.5)
     assert count_pixels(page, "--path") != few
     assert page.inner_text("#north-m") == "−3.50m"
+    assert (page.inner_text("#height"), page.inner_text("#heading")) == ("0.00m", "0°")
     assert page.inner_text("#floor") == "−2"
     assert page.inner_text("#returns") == "1"
     assert page.inner_text("#returns-words") == "recognized by the field, longest 00:10"

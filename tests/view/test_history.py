@@ -94,7 +94,10 @@ def test_a_revised_path_begins_one_that_was_not_seen():
 def test_the_path_of_the_end_replaces_that_of_the_moment(kind):
     history = history_of(circle(6))
     for line in circle(3):
-        history.add({**json.loads(line), "kind": kind, "position_m": [7.0, 7.0, 7.0]})
+        history.add(
+            {**json.loads(line), "kind": kind, "position_m": [7.0, 7.0, 7.0], "verdict": "doubtful", "reasons": []}
+        )
+    assert history.last["verdict"] == "doubtful"
     rows = history.rows()
     assert [row[0] for row in rows] == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
     assert [row[1] == 7.0 for row in rows] == [True] * 3 + [False] * 3

@@ -159,7 +159,8 @@ def compose_page(
     for name, walk in walks.items():
         recording, path = walk.recording, walk.recording.provenance.path
         nameless = "a walk" if both is None else f"the {name} foot"
-        names[nameless if path is None else path.name] = None
+        named = path is not None and (path.name if path.stem != "recording" else f"{path.parent.name}/{path.name}")
+        names[named or nameless] = None
         of_what = f"{recording.provenance.format}," if both is None else f"{name} foot"
         about[f"{of_what} {recording.duration_s:.1f} s at {1.0 / recording.period_s:.0f} Hz"] = None
     several = len(summaries) > 1
@@ -278,7 +279,7 @@ def _draw_field(views: Mapping[str, AlignedSolution], walk: Walk | None) -> list
         table, field = next(iter(views.values())).solution.stances, walk.field
         headings.append(draw_compass(field, table))
         turned = np.rad2deg(field.mean_heading_difference)
-        words = [f"The compass shows {turned:+.1f}° more than the gyroscope on the mean."]
+        words = [f"The compass shows {turned:+.1f}° more than the gyroscope on average."]
         clear, disturbed, _ = (int(flag.sum()) for flag, _, _ in group_field(field, table))
         counts = [f"At {clear} of {len(field)} footfalls the field is undisturbed, at {disturbed} disturbed."]
         strengths = [draw_strength(field, table)]

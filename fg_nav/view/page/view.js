@@ -150,7 +150,7 @@ function stateOf(one) {
 function put(id, value, digits = 0, unit = "", sign = false) {
   const there = Number.isFinite(value) && value !== null;
   const element = $(id);
-  element.textContent = there ? (sign && value > 0 ? "+" : "") + value.toFixed(digits).replace("-", "−") : "–";
+  element.textContent = there ? (sign && value > 0 ? "+" : "") + value.toFixed(digits).replace(/^-(?=[0.]*$)/, "").replace("-", "−") : "–";
   if (there && unit) element.append(Object.assign(document.createElement("b"), { textContent: unit }));
 }
 
@@ -167,11 +167,12 @@ function showFigures() {
   const at = position(), sigma = known("position_sigma_m") ?? [], status = walk.status ?? {};
   put("east", at?.[0], sigma[0] >= 1 ? 1 : 2); put("north-m", at?.[1], sigma[1] >= 1 ? 1 : 2, "m");
   putSigma("east-sigma", sigma[0], 2, ""); putSigma("north-sigma", sigma[1], 2, "");
-  put("heading", known("heading_deg"), 0, "°"); putSigma("heading-sigma", known("heading_sigma_deg"), 1, "°");
+  const heading = known("heading_deg");
+  put("heading", heading === null ? null : Math.round(heading) % 360, 0, "°"); putSigma("heading-sigma", known("heading_sigma_deg"), 1, "°");
   put("floor", known("floor"), 0, "", true); $("floor-words").textContent = known("floor") === null ? "not known" : "from the start";
   showReturns(status.returns ?? []);
   put("height", at?.[2], 2, "m"); putSigma("height-sigma", sigma[2], 2, "m");
-  put("speed", status.speed_m_s, 1, "m/s"); put("distance", walk.distance, walk.distance < 1000 ? 1 : 0, "m");
+  put("speed", status.speed_m_s, 1, "m/s"); put("distance", walk.distance, walk.distance < 1000 && !(sigma[0] >= 1) ? 1 : 0, "m");
   put("range", at && Math.hypot(at[0], at[1]), 1, "m");
   put("latency", status.latency_ms, 0, "ms"); put("rate", status.rate_hz, 0, "Hz");
   $("time").textContent = clock(known("t") - (walk.path[0]?.[0] ?? 0), walk.path.length);
@@ -343,6 +344,7 @@ function draw() {
   drawFeet(color);
   const all = [...walks.values()], shades = all.map((one, k) => one.name ? color[`walker-${1 + (k % WALKERS)}`] : color.path);
   all.forEach((one, k) => drawPath(color, shades[k], one));
+  labels.length = 0;
   all.forEach((one, k) => { if (position(one)) { drawEllipse(one.name ? shades[k] : color.ellipse, one); drawPerson(color, one.name ? shades[k] : color.ink, one); } });
   drawScale();
   $("needle").setAttribute("transform", `rotate(${(-view.turn * 180) / Math.PI})`);
@@ -460,16 +462,22 @@ function drawRing(color, one, at, cov, filled) {
   pen.globalAlpha = 1;
 }
 
+const labels = []; // drawn so far: left, right and baseline; the next one moves below those in its place
+
 /** The arrow, with the name of one of several, and what is to be known of who does not walk. */
 function drawPerson(color, shade, one) {
   const [x, y] = place(one, ...position(one)), way = course(one), [kind, words] = stateOf(one);
   pen.font = "600 13px system-ui, sans-serif"; pen.lineJoin = "round"; pen.lineWidth = 4;
   pen.strokeStyle = color.ground; pen.fillStyle = color[["bad", "caution"].includes(kind) ? kind : "ink"];
-  const label = [one.name, kind === "good" ? "" : words].filter(Boolean).join(": ");
-  const left = x + 14 + pen.measureText(label).width > size.width; // on the other side where it would be cut off
-  pen.textAlign = left ? "right" : "left";
-  pen.strokeText(label, x + (left ? -14 : 14), y + 5); pen.fillText(label, x + (left ? -14 : 14), y + 5);
+  const label = [one.name, kind === "good" || (one.name && hasEnded(one)) ? "" : words].filter(Boolean).join(": ");
+  const wide = pen.measureText(label).width, left = x + 14 + wide > size.width; // on the other side where it would be cut off
+  const from = left ? x - 14 - wide : x + 14, isTaken = ([a, b, c]) => a < from + wide && from < b && Math.abs(c - low) < 16;
+  let low = y + 5;
+  for (let k = 0; label && k < labels.length && labels.some(isTaken); k++) low = Math.max(...labels.filter(isTaken).map(([, , c]) => c)) + 16;
+  if (label) labels.push([from, from + wide, low]);
+  canvas.dataset.labels = JSON.stringify(labels);
   pen.textAlign = "left";
+  pen.strokeText(label, from, low); pen.fillText(label, from, low);
   pen.save();
   pen.translate(x, y);
   pen.fillStyle = shade; pen.strokeStyle = color.ground; pen.lineWidth = 2;
