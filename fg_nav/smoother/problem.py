@@ -408,7 +408,7 @@ def average_bias_walk(problem: WalkProblem, stacks: Sequence[Stack]) -> WalkProb
     problem = replace(problem, graph=graph, parameters=replace(problem.parameters, gyro_bias_walk_deg_s=level))
     count = sum(len(one.keys) for one in changes)
     return problem.with_note(
-        f"gyro bias walk {level:.2g} deg/s/sqrt(s), the mean over the evidence of {format_count(count, 'change')} of the bias"
+        f"gyro bias walk {level:.2g} deg/s/sqrt(s), the mean over the evidence of {format_count(count, 'change')} of it"
     )
 
 
