@@ -25,7 +25,6 @@ from fg_nav.detection.rest import RestParameters, find_still_stretches
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic.detectors import QUASI_STATIC
 from fg_nav.mechanisation import integrate_strides
-from fg_nav.pocket.dead_reckoning import DEFAULT_CONSTANT_M, DEFAULT_SIGMA
 from fg_nav.samples.gaps import list_bridged, measure_unseen
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.verdict import limits
@@ -342,6 +341,8 @@ def list_path_signs(observed: WalkSigns) -> Iterator[Reason]:
     # a step constant that is no adult's
     step_length = solution.parameters.get("step_length")
     if in_pocket and isinstance(step_length, dict):
+        from fg_nav.pocket.dead_reckoning import DEFAULT_CONSTANT_M, DEFAULT_SIGMA  # loaded of a pocket alone
+
         constant, source = step_length["constant_m"], step_length["source"]
         sigmas = abs(constant / DEFAULT_CONSTANT_M - 1.0) / DEFAULT_SIGMA
         words = f"the step constant is {constant:.2f} m ({source}), {sigmas:.1f} sigma from an adult's"
