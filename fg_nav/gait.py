@@ -41,6 +41,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
+from fg_nav.evaluation.comparison import yaw_between
 from fg_nav.feet.steps import Footfalls, find_longest_stride, find_steps
 from fg_nav.samples.gaps import cross_holes, find_holes
 from fg_nav.solution import Solution
@@ -57,11 +58,7 @@ GAIT_COLUMNS = (
     "foot", "index", "start_s", "end_s", "toe_off_s", "contact_s", "steady", *PARAMETERS,
     "sigma_length_m", "sigma_speed_m_s", "sigma_turning_deg",
 )  # fmt: skip
-COMPARED = (
-    "length_m",
-    "stance_share",
-    "step_time_s",
-)  # Of both feet: what neither a mounting nor what ties the feet decides.
+COMPARED = ("length_m", "stance_share", "step_time_s")  # Of both feet: neither a mounting nor their ties decide these.
 MIN_LENGTH_M = 0.2  # Of a stride with a direction: a foot that is set aside, or turned, has none.
 MAX_TURN_DEG = 60.0  # Of a steady stride: more is a turn on the spot, or round a corner.
 MIN_TOE_UP_RAD = np.deg2rad(3.0)  # At a contact with the heel: what is less is the roll of a foot that stands.
@@ -121,8 +118,7 @@ def measure_strides(solution: Solution) -> Strides:
     duration = np.where(np.isfinite(by_contacts), by_contacts, took)
     kept = ~unseen & (took <= limit) & (duration <= limit)
     # turns, and steady strides
-    turn = table.nav_R_body[1:] @ body_R_nav[:-1]
-    turning_deg = np.rad2deg(np.arctan2(turn[:, 0, 1] - turn[:, 1, 0], turn[:, 0, 0] + turn[:, 1, 1]))
+    turning_deg = np.rad2deg(yaw_between(table.nav_R_body[1:], table.nav_R_body[:-1]))  # back: clockwise
     around = np.concatenate([[False], kept, [False]])
     goes_on = around[:-2] & kept & around[2:] & np.isfinite(by_contacts) & (np.abs(turning_deg) < MAX_TURN_DEG)
     # sigmas of moves
