@@ -133,6 +133,11 @@ def wrap_quarter(angle: Array) -> Array:
     return np.asarray((angle + 0.5 * QUARTER) % QUARTER - 0.5 * QUARTER)
 
 
+def wrap_angle(angle: Array) -> Array:
+    """Wrap angles (...) rad to [-pi, pi]."""
+    return np.asarray(np.arctan2(np.sin(angle), np.cos(angle)))
+
+
 def measure_course(displacement: Array) -> Array:
     """Course (...,) rad, anticlockwise from x, of displacements (..., 3)."""
     return np.asarray(np.arctan2(displacement[..., 1], displacement[..., 0]))
@@ -174,8 +179,7 @@ class Heading:
         """Return the residual (..., 1), within pi of zero over its sigma, and its Jacobian by the pose."""
         R = variables[0][..., :3, :3]
         east, north, _ = np.moveaxis((R @ self.axis[..., None])[..., 0], -1, 0)
-        off = np.arctan2(east, north) - self.heading
-        e = (np.arctan2(np.sin(off), np.cos(off)) / self.sigma)[..., None]
+        e = (wrap_angle(np.arctan2(east, north) - self.heading) / self.sigma)[..., None]
         if not with_jacobians:
             return e, []
         across = (north[..., None] * R[..., 0, :] - east[..., None] * R[..., 1, :]) / (east**2 + north**2)[..., None]
@@ -284,8 +288,7 @@ class UnseenWalk:
         before, behind = variables
         R_1, R_2 = before[..., :3, :3], behind[..., :3, :3]
         cosine, sine, by_behind = turn_from(R_1, R_2)
-        psi = np.arctan2(sine, cosine) - self.turn
-        off = np.arctan2(np.sin(psi), np.cos(psi))[..., None]
+        off = wrap_angle(np.arctan2(sine, cosine) - self.turn)[..., None]
         e = np.concatenate([behind[..., :3, 3] - before[..., :3, 3], off, R_2[..., 2, :] - R_1[..., 2, :]], axis=-1)
         others = np.stack([self.turn_sigma, self.tilt_sigma, self.tilt_sigma, self.tilt_sigma], axis=-1)
         sigma = np.concatenate([self.move_sigma, others], axis=-1)
