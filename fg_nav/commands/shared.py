@@ -51,9 +51,7 @@ Columns: TypeAlias = Mapping[str, Callable[[Mapping[str, Any]], str]]
 
 def name_walk(recording: Path) -> str:
     """Return the name of a recording for its results: that of the file, or of the folder of a `recording.csv`."""
-    packed = recording.suffix.lower() in PACKED
-    inner = recording.with_suffix("") if packed else recording
-    name = recording.name if recording.is_dir() else inner.stem
+    name = recording.name if recording.is_dir() else _unpacked(recording).stem
     if recording.is_dir() or not NAMELESS.fullmatch(re.sub("[ _-]", "", name)):
         return name
     return recording.resolve().parent.name or name
@@ -61,8 +59,12 @@ def name_walk(recording: Path) -> str:
 
 def name_truth(recording: Path) -> Path:
     """Return where the truth of a recording is that is one of several in a folder."""
-    stem = (recording.with_suffix("") if recording.suffix.lower() in PACKED else recording).stem
-    return recording.with_name(f"{stem}.{TRUTH}")
+    return recording.with_name(f"{_unpacked(recording).stem}.{TRUTH}")
+
+
+def _unpacked(recording: Path) -> Path:
+    """Return the path of what a packed file holds, or the path itself."""
+    return recording.with_suffix("") if recording.suffix.lower() in PACKED else recording
 
 
 def find_truth(walk: Walk, recording: Path) -> Walk:
