@@ -292,6 +292,14 @@ def measure_field(walk: Walk) -> Walk:
         return replace(walk, unjudged=str(error))
 
 
+def find_origin(fixes: Sequence[Fix], solution: Solution) -> tuple[float, float, float | None] | None:
+    """Return latitude, longitude (deg) and height (m) of the zero of a path, where fixes or a receiver show it."""
+    start = solution.parameters.get("gnss_start")
+    if isinstance(start, dict):
+        return start["latitude_deg"], start["longitude_deg"], None
+    return fixes[0].origin if fixes else None
+
+
 def evaluate_solution(walk: Walk, solution: Solution) -> Outcome:
     """Return the solution with its metrics: distance and closure, and errors where the walk has a truth.
 

@@ -33,7 +33,7 @@ from fg_nav.magnetic.detectors import DISTURBED, QUASI_STATIC
 from fg_nav.samples.gaps import find_holes
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.truth import Fix, FootprintTruth, TrajectoryTruth, Truth
-from fg_nav.walk import Options, Outcome, Walk
+from fg_nav.walk import Options, Outcome, Walk, find_origin
 
 if TYPE_CHECKING:
     from fg_nav.both_feet import FeetResult
@@ -299,7 +299,7 @@ def describe_frame(view: AlignedSolution, outcome: Outcome, options: Options, fi
         return Frame("x", "y", "y", "The axes are those of the survey; its azimuth is not known.")
     if view.truth is not None:
         return Frame("east", "north", "N", "North is that of the truth.")
-    if outcome.solution.parameters.get("gnss_start") or (len(fixes) > 1 and fixes[0].origin is not None):
+    if len(fixes) != 1 and find_origin(fixes, outcome.solution) is not None:
         return Frame("east", "north", "N", "North is true, by the fixes.")
     if len(fixes) > 1:
         return Frame("east", "north", "N", "North is that of the fixes.")

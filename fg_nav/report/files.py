@@ -29,7 +29,7 @@ from fg_nav.solution import Solution, StanceTable
 from fg_nav.text import find_version, to_json
 from fg_nav.truth import FIX_SPEED_M_S
 from fg_nav.verdict import Verdict, judge_footfalls, judge_path
-from fg_nav.walk import Outcome, Walk
+from fg_nav.walk import Outcome, Walk, find_origin
 
 if TYPE_CHECKING:
     from fg_nav.both_feet import FeetResult
@@ -216,7 +216,7 @@ def save_solution(solution: Solution, path: Path, force: bool = False, origin: S
             from fg_nav.report.export.track import ExportTrack, Origin
 
             track = ExportTrack.of(solution, path.stem)
-            origin = origin or (find_origin(solution.walk, solution) if isinstance(solution, Result) else None)
+            origin = origin or (find_origin(solution.walk.fixes, solution) if isinstance(solution, Result) else None)
             export_track(track, path, None if origin is None else Origin(*origin), force)
             return path
         with result_folder(path, force) as folder:
@@ -293,7 +293,7 @@ def summarize(walk: Walk, outcome: Outcome, verdict: Verdict | None = None) -> S
         figures["located"] = None if solution.located is None else solution.located.describe()
     if walk.fixes:
         figures["fixes"] = measure_fixes(walk, solution)
-    if (origin := find_origin(walk, solution)) is not None:
+    if (origin := find_origin(walk.fixes, solution)) is not None:
         figures["origin"] = list(origin)
     field = "not used (none given)"
     if outcome.field_used:
@@ -321,14 +321,6 @@ def measure_fixes(walk: Walk, solution: Solution) -> dict[str, float]:
     sigma[:, :2] = np.hypot(sigma[:, :2], FIX_SPEED_M_S * np.abs(time - solution.t[samples[nearer]])[:, None])
     off, rms = off[nearer], float(np.sqrt(2.0 * (off[nearer][:, :2] ** 2).mean()))
     return {"count": len(time), "rms_m": rms, "beyond_3_sigma": int((np.abs(off) > 3.0 * sigma).any(axis=1).sum())}
-
-
-def find_origin(walk: Walk, solution: Solution) -> tuple[float, float, float | None] | None:
-    """Return latitude, longitude (deg) and height (m) of the zero of a path, where fixes or a receiver show it."""
-    start = solution.parameters.get("gnss_start")
-    if isinstance(start, dict):
-        return start["latitude_deg"], start["longitude_deg"], None
-    return walk.fixes[0].origin if walk.fixes else None
 
 
 def summarize_lagged(solution: Solution) -> Summary:
