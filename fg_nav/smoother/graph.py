@@ -124,10 +124,9 @@ class StartPrior:
         pose = gtsam.Pose3(gtsam.Rot3(self.nav_R_body), np.asarray(self.place, dtype=float))
         tilt = np.radians(p.tilt_sigma_deg)
         nav_rotation = np.diag([tilt, tilt, self.heading_sigma]) ** 2
-        covariance, R = np.eye(6) * np.square(np.max(self.place_sigma)), self.nav_R_body
+        covariance, R = np.zeros((6, 6)), self.nav_R_body
         covariance[:3, :3] = R.T @ nav_rotation @ R
-        if isinstance(self.place_sigma, tuple):
-            covariance[3:, 3:] = R.T @ np.diag(np.square(self.place_sigma)) @ R
+        covariance[3:, 3:] = R.T @ np.diag(np.square(np.broadcast_to(self.place_sigma, 3))) @ R
         return gtsam.PriorFactorPose3(X(0), pose, gtsam.noiseModel.Gaussian.Covariance(covariance))
 
 
