@@ -26,13 +26,7 @@ from fg_nav.errors import FgNavError, OutputError, describe_reason
 from fg_nav.report import REPORT
 from fg_nav.text import CUT, format_count, format_digits
 
-FIRST = (
-    CUT,
-    "step constant ",
-    "on the places of ",
-    "nothing of the saved places ",
-)  # Beginnings of notes that are printed as well.
-
+FIRST = (CUT, "step constant ", "on the places of ", "nothing of the saved places ")  # Notes that are printed.
 
 format_sigma = partial(format_digits, digits=2)
 
