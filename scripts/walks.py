@@ -43,6 +43,7 @@ SETS: Mapping[str, tuple[str, str]] = {
     "mems": ("mems_foot/{}.csv.gz", "lap_360m_* square_70m_* *rectangle_* c_shape_*"),  # closed, a raw sensor
     "all of mems": ("mems_foot/{}.csv.gz", "*"),
     "mtig": ("mtig710/{}.csv.gz", "*"),  # passes of a corridor, stairs and other ways
+    "feet": ("feet_thighs/{}.csv.gz", "rectangle*F circle*F"),  # closed, each foot
     "by hand": ("broad/{}.mat", "*"),  # a sensor that is turned and moved by hand
     "crawling": ("vicon/{}.mat", "2018-02-09*"),  # and ladders
     "leg": ("ridi_leg/{}.csv", "*"),  # a phone in a trouser leg

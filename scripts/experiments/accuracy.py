@@ -1,11 +1,23 @@
 """How good the estimators are on real walks: errors and verdicts, with a magnetometer, and what each part brings there.
 
-`inertial` is the smoother without a magnetometer, `iez` the zero-velocity filter. `stored`, of gdlbio, is the path that
-the authors of the set had from PyShoe with its LSTM detector, laid on the same footprints at the same instants by the
-same rigid fit as ours. What each magnetic factor brings: `scripts/plans/magnetic_parts.toml`.
+One table of all real sets has every method on the same stances of the same samples:
+
+=========================== ===========================================================================================
+`smoother`                  as `fg-nav run`: with the magnetometer where there is one, as recorded
+`inertial`, `iez`           the same and the zero-velocity filter, without it
+`qsf`, `ma2018`, `aiez`     the papers' filters, tuned, with the magnetometer that the walk itself calibrates
+`gtsam iekf`                GTSAM's invariant EKF (`NavStateImuEKF`): attitude, velocity and place, zero velocity in
+                            stance, noise of OpenShoe, the gyro bias of the first rest taken off
+`gaitmap`                   its error-state filter with RTS smoothing, run by `--python`
+`stored`                    of gdlbio: its authors' path by PyShoe with an LSTM detector, laid on the same footprints at
+                            the same instants by the same rigid fit
+=========================== ===========================================================================================
+
+What each magnetic factor brings: `scripts/plans/magnetic_parts.toml`.
 
 References: Wagstaff, Peretroukhin, Kelly (2017), "Improving foot-mounted inertial navigation through real-time motion
-classification"; code at github.com/utiasSTARS/pyshoe.
+classification"; code at github.com/utiasSTARS/pyshoe. Barrau, Bonnabel (2017), "The invariant extended Kalman filter as
+a stable observer".
 """
 
 from __future__ import annotations
@@ -17,22 +29,29 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import gtsam
 import numpy as np
 import scipy.io
 import walks
 from harness import option
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 from walks import Real
 
 from experiments import Asked, Column, Experiment, Figures, Found, Table, Task, write_table
-from fg_nav.arrays import interpolate_columns
+from experiments.cost import run_peer
+from experiments.worn import list_worn
+from fg_nav.arrays import Floats, interpolate_columns
 from fg_nav.detection import detect_stances
+from fg_nav.detection.rest import find_start
 from fg_nav.detection.stance import Stances
 from fg_nav.ekf import run_iez
+from fg_nav.ekf.core import OPENSHOE
 from fg_nav.errors import FgNavError
 from fg_nav.evaluation import evaluate
-from fg_nav.evaluation.comparison import align, lift_to_space
-from fg_nav.lab.campaign.walks import RAW, WALK, Recorded
+from fg_nav.evaluation.comparison import align, compare_at_footfalls, lift_to_space
+from fg_nav.factors.rotation import skew
+from fg_nav.lab.campaign.walks import calibrate_on_itself
 from fg_nav.lab.consistency import compute_stance_nees
 from fg_nav.lab.pyshoe import read_pyshoe_track
 from fg_nav.lab.simulation import simulate
@@ -47,178 +66,183 @@ from fg_nav.walk import Options, Walk
 
 # --- real walks ------------------------------------------------------------------------------------------------------
 
-Estimate = Callable[[Recording, Stances], Solution]
-
-INERTIAL, IEZ, COMPASS, STORED = "inertial", "iez", "smoother", "stored"
-METHODS: Mapping[str, Estimate] = {INERTIAL: smooth, IEZ: run_iez}
+SMOOTHER, INERTIAL, IEZ, IEKF, GAITMAP, STORED = "smoother", "inertial", "iez", "gtsam iekf", "gaitmap", "stored"
+FILTERS = ("qsf", "ma2018", "aiez")  # Of the papers.
 
 LABELLED, DETECTED = "vicon, labels", "vicon"
 AIR = ", barometer"
+MAGNETIC = ("gdin", "running", "openshoe", "mems", "mtig", "feet")  # Sections whose sensor has a magnetometer.
 SECTIONS: Mapping[str, Sequence[str]] = {
     LABELLED: ("vicon",),
-    **{name: (name,) for name in ("vicon", "running", "gdin", "gdlbio", "gdlbio run")},
-    "loops": ("openshoe", "xio"),
+    **{name: (name,) for name in ("vicon", "running", "gdin", "gdlbio", "gdlbio run", "openshoe", "xio")},
     **{name: (name,) for name in ("mti round", "mti stairs", "corridor", "mems", f"mems{AIR}", "mtig", f"mtig{AIR}")},
+    "feet": ("feet",),
 }
-"""Sets of each section; those with a barometer are solved by the smoother alone."""
+"""Sets of each section; those with a barometer are solved by the smoother without magnetometer alone."""
 
 RMSE, SPACE, NEES, CLOSURE, GROUND, Z = "rmse_2d_m", "rmse_3d_m", "nees", "closure_percent", "ground_m", "z_m"
-WORSE_SHARE, WORSE_M = 0.10, 0.03  # by which a walk is worse than by the filter
+FIXES = "gnss_m"  # Mean distance to fixes that were not given.
+INSIDE, REGION = "inside", 0.95  # Share of the footfalls inside their claimed region, over the ground.
 
 
-def list_tasks(sections: Sequence[str], estimates: Mapping[str, Estimate], chosen: Namespace) -> list[Task]:
-    """All recordings of these sections, measured with these estimates."""
+def list_tasks(sections: Sequence[str], measure: Callable[[str, Real], Found], chosen: Namespace) -> list[Task]:
+    """All recordings of these sections."""
     data = walks.data_folder(chosen.data)
     return [
-        Task(section, one.name, partial(measure_real, section, one, estimates))
+        Task(section, one.name, partial(measure, section, one))
         for section in sections
         for name in SECTIONS[section]
         for one in walks.list_set(data, name.removesuffix(AIR), AIR in section)
     ]
 
 
-def measure_real(section: str, real: Real, estimates: Mapping[str, Estimate]) -> Found:
-    """Run the estimates on a recording; beside the filter, what came with it and the smoother with the compass."""
-    walk = real.prepare(labelled=section == LABELLED)
-    some = {INERTIAL: estimates[INERTIAL]} if AIR in section else estimates
-    found: dict[str, Any] = {name: partial(measure_solution, walk, one) for name, one in some.items()}
-    if IEZ in some and isinstance(walk.truth, FootprintTruth) and walk.truth.t is not None:
-        track = interpolate_columns(walk.truth.t, walk.recording.t, read_pyshoe_track(real.path))
-        place, surveyed = lift_to_space(track), lift_to_space(walk.truth.xy)
+def measure_real(python: str | None, section: str, real: Real) -> Found:
+    """Run all methods on a recording, each on the same stances."""
+    plain = real.prepare(labelled=section == LABELLED)
+    recording, stances = plain.recording, plain.stances
+    found: dict[str, Any] = {INERTIAL: partial(measure_method, plain, INERTIAL)}
+    if AIR in section:
+        return found
+    found[IEZ] = partial(measure_method, plain, IEZ)
+    # with the magnetometer
+    if section in MAGNETIC:
+        walk = real.prepare(Options())
+        found[SMOOTHER] = partial(measure_method, walk, SMOOTHER)
+        if walk.field is not None:
+            calibrated = calibrate_on_itself(walk)
+            found |= {name: partial(measure_method, calibrated, name) for name in FILTERS}
+    # others
+    found[IEKF] = lambda: measure_solution(plain, run_invariant(recording, stances))
+    if python is not None:
+        found[GAITMAP] = lambda: measure_path(plain, run_peer(python, "gaitmap, our stances", recording, stances, 1)[2])
+    if isinstance(plain.truth, FootprintTruth) and plain.truth.t is not None:
+        track = interpolate_columns(plain.truth.t, recording.t, read_pyshoe_track(real.path))
+        place, surveyed = lift_to_space(track), lift_to_space(plain.truth.xy)
         error = align(place, surveyed).apply(place) - surveyed
         found[STORED] = {RMSE: float(np.sqrt(np.mean(np.sum(error**2, axis=1))))}
-    if IEZ in some and section == walks.GDIN:
-        found[COMPASS] = lambda: {RMSE: run_method(real.prepare(Options()), COMPASS).metrics.rmse_2d_m}
     return found
 
 
-def measure_solution(walk: Walk, estimate: Estimate) -> Figures:
+def measure_method(walk: Walk, method: str) -> Figures:
+    """Figures and verdict of a method of ours."""
+    solution = run_method(walk, method).solution
+    word = judge_path(walk, solution).word
+    return {**measure_solution(walk, solution), **{one: int(one == word) for one in WORDS[:3]}}
+
+
+def measure_solution(walk: Walk, solution: Solution) -> Figures:
     """Figures of a solution: errors where there is a truth, else the end of a walk that ends where it began."""
-    solution = estimate(walk.recording, walk.stances)
     metrics: Mapping[str, Any] = evaluate(solution, walk.truth).as_dict()
     names = (RMSE, SPACE, "scale", CLOSURE, "strides_detected")
     found: dict[str, Any] = {name: metrics[name] for name in names if metrics.get(name) is not None}
+    if walk.truth is None:
+        return found | measure_end(solution)
     if isinstance(walk.truth, TrajectoryTruth):
         found[NEES] = compute_stance_nees(solution.stances, walk.truth).median_ratio
-    if walk.truth is None:
-        found |= measure_end(solution)
-    return {**found, "verdict": judge_path(walk, solution).word}
+    compared = compare_at_footfalls(solution, walk.truth, "yaw")
+    error, covariance = compared.error[:, :2], solution.stances.position_cov[compared.row][:, :2, :2]
+    squared = np.einsum("ki,kij,kj->k", error - error[0], np.linalg.pinv(covariance), error - error[0])
+    return {**found, INSIDE: float(np.mean(squared[1:] < chi2.ppf(REGION, 2)))}
 
 
 def measure_end(solution: Solution) -> dict[str, float]:
     """Measure the last footfall from the first, m, and over its sigmas."""
     table = solution.stances
     move, covariance = table.position[-1] - table.position[0], table.position_cov[-1]
-    squared = move[:2] @ np.linalg.pinv(covariance[:2, :2]) @ move[:2] / 2
-    found = {GROUND: np.hypot(*move[:2]), Z: move[2], "ground_ratio": np.sqrt(squared)}
-    return {name: float(value) for name, value in {**found, "z_ratio": move[2] / np.sqrt(covariance[2, 2])}.items()}
+    squared = move[:2] @ np.linalg.pinv(covariance[:2, :2]) @ move[:2]
+    found = {GROUND: np.hypot(*move[:2]), Z: move[2], "ground_ratio": np.sqrt(squared / 2)}
+    found |= {"z_ratio": move[2] / np.sqrt(covariance[2, 2]), INSIDE: squared < chi2.ppf(REGION, 2)}
+    return {name: float(value) for name, value in found.items()}
 
 
-def list_behind(table: Table) -> list[tuple[str, str, float, float]]:
-    """Walks on which the smoother is behind the filter: section, walk, and rmse or closure of both, m."""
-    found = []
-    for section in (one for one in table.sections if AIR not in one):
-        ours, theirs = table.of(section, INERTIAL), table.of(section, IEZ)
-        for walk, row in ours.items():
-            one, other = (float(of.get(RMSE, of.get(GROUND, np.inf))) for of in (row, theirs.get(walk, {})))
-            if section == "mtig" and "hallway" not in walk:
-                continue  # no round
-            if one > other * (1 + WORSE_SHARE) and one > other + WORSE_M:
-                found.append((section, walk, one, other))
-    return found
+def measure_path(walk: Walk, position: Floats) -> Figures:
+    """Figures of another program's path (N, 3) m, which has no sigmas."""
+    ours = run_iez(walk.recording, walk.stances)
+    table = replace(ours.stances, position=position[ours.stances.sample])
+    found = measure_solution(walk, replace(ours, position=position, stances=table))
+    return {name: value for name, value in found.items() if name in (RMSE, SPACE, "scale", CLOSURE, GROUND, Z)}
+
+
+def run_invariant(recording: Recording, stances: Stances) -> Solution:
+    """Left-invariant EKF of GTSAM, updated by zero velocity at every sample of a stance."""
+    start, noise, identity = find_start(recording, stances), OPENSHOE, np.eye(3)
+    params = gtsam.PreintegrationParams.MakeSharedU(noise.gravity)
+    params.setAccelerometerCovariance(identity * noise.acc_density**2)
+    params.setGyroscopeCovariance(identity * np.radians(noise.gyr_density_deg) ** 2)
+    params.setIntegrationCovariance(identity * 1e-8**2)
+    # start: levelled; heading and place are the gauge
+    tilt = np.radians(noise.tilt_sigma_rest_deg if start.levelled_at_rest else noise.tilt_sigma_deg)
+    R, covariance = start.nav_R_body, np.diag([0.0] * 6 + [1e-4] * 3)
+    covariance[:3, :3] = R.T @ np.diag([tilt, tilt, 1e-4]) ** 2 @ R
+    state = gtsam.NavState(gtsam.Rot3(R), np.zeros(3), np.zeros(3))
+    ekf = gtsam.NavStateImuEKF(state, covariance + 1e-12 * np.eye(9), params)
+    gyr = recording.gyr - (0.0 if start.rest is None else start.rest.rate)
+    # pass
+    n, steps, stands = len(recording), np.diff(recording.t, append=recording.t[-1] + recording.period_s), stances.mask
+    position, nav_R_body, covariances = np.zeros((n, 3)), np.tile(R, (n, 1, 1)), np.zeros((n, 3, 3))
+    H, rolled = np.hstack([np.zeros((3, 6)), identity]), noise.zero_velocity_density**2 * identity
+    for k in range(start.row, n):
+        if stands[k]:
+            velocity = ekf.state().attitude().unrotate(ekf.state().velocity())
+            H[:, :3] = skew(velocity)
+            ekf.updateWithVector(velocity, H, np.zeros(3), rolled / steps[k])
+        nav_R_body[k], position[k] = ekf.state().attitude().matrix(), ekf.state().position()
+        covariances[k] = nav_R_body[k] @ ekf.covariance()[3:6, 3:6] @ nav_R_body[k].T
+        ekf.predict(gyr[k], recording.acc[k], steps[k])
+    ours = run_iez(recording, stances)
+    rows = ours.stances.sample
+    table = replace(ours.stances, position=position[rows], nav_R_body=nav_R_body[rows], position_cov=covariances[rows])
+    return replace(ours, method=IEKF, position=position, nav_R_body=nav_R_body, stances=table)
 
 
 PYSHOE = {(RMSE, "mean"): 0.079, (RMSE, "median"): 0.055, (SPACE, "mean"): 0.131, (SPACE, "median"): 0.087}
 """Errors in m of PyShoe's own filter with the same labels on the same trials, `vicon, labels`."""
 
-# --- tables of real walks --------------------------------------------------------------------------------------------
+# --- table of all real sets ------------------------------------------------------------------------------------------
 
-MEAN, WORST = "mean / median", "median / worst"
-NAMES = {INERTIAL: "`inertial`", COMPASS: "`smoother`, with the compass", IEZ: "`iez`", STORED: "PyShoe"}
-PATTERNS = {"scale": "{:.4f}", NEES: "{:.2f}", CLOSURE: "{:.2f}"}
-CLOSED = {
-    "mti round": "12 rounds of 43 m at 100 Hz, walked, run, mixed (`mti1_loops`)",
-    "mti stairs": "12 walks on stairs of one to three floors, up and down (`mti1_loops`)",
-    "corridor": "a corridor to and fro, 89 m (`corridor_lab`)",
-    "mems": "13 laps, squares and rectangles of 38 to 365 m (`mems_foot`)",
-    f"mems{AIR}": "the same with their barometer",
+MEAN, END = "mean / median", "start to end"
+SUMMARY: Mapping[str, tuple[str, str]] = {
+    LABELLED: ("motion-captured trials, labelled stances (`vicon`)", RMSE),
+    DETECTED: ("the same, own stances", RMSE),
+    "gdin": ("surveyed footprints, 35 to 150 m (`gdin`)", RMSE),
+    "running": ("the same with running", RMSE),
+    "gdlbio": ("every footprint surveyed, 10 to 120 m (`gdlbio`)", RMSE),
+    "gdlbio run": ("runs, or gyroscope clipped (`gdlbio`)", RMSE),
+    "openshoe": ("loops of 78 m (`openshoe`)", GROUND),
+    "xio": ("loops of 25 and 60 m (`xio`)", GROUND),
+    "mti round": ("rounds of 43 m at 100 Hz (`mti1_loops`)", GROUND),
+    "mti stairs": ("stairs up and down, 100 Hz (`mti1_loops`)", GROUND),
+    "corridor": ("a corridor to and fro, 89 m (`corridor_lab`)", GROUND),
+    "mems": ("laps, squares, rectangles of 38 to 365 m, raw MEMS (`mems_foot`)", GROUND),
+    "feet": ("rectangles of 16 m, circles of 11 m (`feet_thighs`)", GROUND),
+    "two feet, captured": ("both feet in one graph, motion capture (`two_feet`); beside: each alone", RMSE),
+    "two feet": ("both feet in one graph, the same rectangles and circles; beside: each alone", GROUND),
+    "pocket": ("phones in a trouser pocket beside GNSS, 290 to 1000 m (`pocket_gnss`)", FIXES),
 }
+"""Sections, what they are, and the figure, m: rmse beside a truth, distance from start to end or to fixes."""
 
 
-Line = tuple[str, str, str, str]
-"""Words, sections (joined by a plus), figure and summary."""
+def write_sets(table: Table) -> list[str]:
+    """Write a row each set: mean / median of each method; of the papers' filters the best by the median.
 
-SUMMARY: Sequence[Line] = (
-    ("28 motion-captured trials: rmse 2-D, mean / median (m)", LABELLED, RMSE, MEAN),
-    ("the same, own stances: rmse 3-D, mean / median / 95 % below (m)", DETECTED, SPACE, f"{MEAN} / p95"),
-    ("10 indoor walks of 35 to 150 m (`gdin`): rmse at surveyed footprints, mean / median (m)", "gdin", RMSE, MEAN),
-    ("11 indoor walks of 10 to 120 m (`gdlbio`): the same", "gdlbio", RMSE, MEAN),
-    ("7 runs, or gyroscope clipped (`gdlbio`): the same", "gdlbio run", RMSE, MEAN),
-    ("5 loops of 23 to 78 m: closure in % of the distance, median / worst", "loops", CLOSURE, WORST),
-    ("12 rounds of 43 m / 12 walks on stairs, 100 Hz (`mti1_loops`): closure over the ground, mean (m)",
-     "mti round+mti stairs", GROUND, "mean"),
-    (f"{CLOSED['mems']}: the same, mean / median", "mems", GROUND, MEAN),
-)  # fmt: skip
-VICON: Sequence[Line] = (
-    ("PyShoe's labels as stances: rmse 2-D, mean / median (m)", LABELLED, RMSE, MEAN),
-    ("the same, rmse 3-D", LABELLED, SPACE, MEAN),
-    ("the same, rmse 3-D, 95 % of the trials below", LABELLED, SPACE, "p95"),
-    ("the same, best-fit scale, median", LABELLED, "scale", "median"),
-    ("the same, NEES of the positions over its expectation, median", LABELLED, NEES, "median"),
-    ("own stances: rmse 2-D, mean / median (m)", DETECTED, RMSE, MEAN),
-    ("the same, rmse 3-D, mean / median", DETECTED, SPACE, MEAN),
-    ("the same, rmse 3-D, 95 % of the trials below / worst", DETECTED, SPACE, "p95 / worst"),
-)
-
-
-def write_lines(lines: Sequence[Line], table: Table) -> list[str]:
-    """Figures of all methods, a line each; methods that no line has are left out."""
+    Without a magnetometer the smoother is `inertial`.
+    """
+    heads = ["m", "walks", SMOOTHER, INERTIAL, IEZ, "best paper filter", "PyShoe", GAITMAP, IEKF]
     rows = []
-    for words, sections, figure, summary in lines:
-        column, cells = Column(figure, "", summary, PATTERNS.get(figure, "{:.3f}")), list[str]()
-        for variant in NAMES:
-            some = [column.write(table, section, variant) for section in sections.split("+")]
-            cells.append(" / ".join(one for one in some if one) or "-")
-        if sections == LABELLED and summary == MEAN:
-            cells[-1] = " / ".join(f"{PYSHOE[figure, how]:.3f}" for how in ("mean", "median"))
-        rows.append([words, *cells])
-    kept = [k for k in range(5) if k == 0 or any(row[k] != "-" for row in rows)]
-    heads = ["", *NAMES.values()]
-    return write_table([heads[k] for k in kept], [[row[k] for k in kept] for row in rows])
-
-
-def write_closed(table: Table) -> list[str]:
-    """Ends of closed walks over the ground and up, each over its sigma, and the verdicts."""
-    heads = ["", "method", "closure over the ground, mean / worst (m)", "over its sigma, rms",
-             "height at the end, mean / worst (m)", "over its sigma, rms", "trusted / doubtful / unusable"]  # fmt: skip
-    figures = ((GROUND, "mean / worst"), ("ground_ratio", "rms"), (Z, "mean / worst"), ("z_ratio", "rms"))
-    rows = []
-    for section, words in CLOSED.items():
-        for method in [one for one in (INERTIAL, IEZ) if table.of(section, one)]:
-            ends = [Column(key, "", how, "{:.2f}").write(table, section, method) for key, how in figures]
-            verdicts = [row.get("verdict") for row in table.of(section, method).values()]
-            counts = " / ".join(str(verdicts.count(word)) for word in ("trusted", "doubtful", UNUSABLE))
-            rows.append([words, NAMES[method], *ends, counts])
-    return write_table(heads, rows, words=2)
-
-
-def write_passes(table: Table) -> list[str]:
-    """Start to end of each recording of mtig."""
-    heads = ["recording", "start to end (m)", "z (m)", "with barometer (m)", "z (m)", "`iez` (m)", "verdict"]
-    plain, aided, filtered = table.of("mtig", INERTIAL), table.of(f"mtig{AIR}", INERTIAL), table.of("mtig", IEZ)
-    rows = []
-    for walk, row in plain.items():
-        cells = []
-        for one in (row, aided[walk]):
-            cells += [f"{one[GROUND]:.2f}", f"{one[Z]:+.2f} ± {abs(one[Z] / one['z_ratio']):.2f}"]
-        rows.append([f"`{walk}`", *cells, f"{filtered[walk].get(GROUND, np.inf):.2f}", row["verdict"]])
+    for section, (words, figure) in SUMMARY.items():
+        if section not in table.sections:
+            continue
+        write = partial(Column(figure, "", MEAN, "{:.2f}").write, table, section)
+        known = {name: np.median(some) for name in FILTERS if len(some := table.values(section, name, figure))}
+        best = min(known, key=lambda name: known[name], default="")
+        pyshoe = " / ".join(f"{PYSHOE[figure, how]:.2f}" for how in MEAN.split(" / ")) if section == LABELLED else ""
+        ours = write(SMOOTHER) or write("together") or write("sensor") or write(INERTIAL)
+        cells = [ours, write(INERTIAL) or write("alone"), write(IEZ), f"{write(best)} {best}".strip()]
+        cells += [pyshoe or write(STORED), write(GAITMAP), write(IEKF)]
+        number = max(len(table.of(section, variant)) for part, variant in table.cases if part == section)
+        end = "" if figure == RMSE else f", {END}"
+        rows.append([f"{words}{end}", f"{number}", *(cell or "-" for cell in cells)])
     return write_table(heads, rows)
-
-
-def write_behind(table: Table) -> list[str]:
-    """Walks on which the smoother is behind the filter."""
-    rows = [[section, walk, f"{ours:.3f}", f"{theirs:.3f}"] for section, walk, ours, theirs in list_behind(table)]
-    return write_table(["set", "walk", "`inertial`, m", "`iez`, m"], rows, words=2)
 
 
 # --- without one part ------------------------------------------------------------------------------------------------
@@ -251,6 +275,16 @@ PART_HEADS: Mapping[str, tuple[str, str]] = {
     "gdlbio run, median": ("gdlbio run", f"{RMSE} median"), "loops, %": ("loops", f"{CLOSURE} median"),
 }  # fmt: skip
 """Section and sum of each column of the table in docs/models.md."""
+
+
+def measure_parts(parts: Sequence[str], section: str, real: Real) -> Found:
+    """Smooth a walk without one of the parts, each in turn."""
+    walk = real.prepare(labelled=section == LABELLED)
+
+    def measure(part: str) -> Figures:
+        return measure_solution(walk, smooth(walk.recording, walk.stances, parameters=PARTS[part]))
+
+    return {part: partial(measure, part) for part in parts}
 
 
 def write_parts(table: Table) -> list[str]:
@@ -373,97 +407,47 @@ def spoil(kind: str, k: int, load: Load) -> RawRecording:
     return replace(raw, acc=body_R_loose.inv().apply(raw.acc), gyr=gyr)
 
 
-# --- methods on real floors ------------------------------------------------------------------------------------------
-
-FLOORS: Mapping[str, str] = {"laps": "mems", "openshoe": "openshoe", "gdin": "gdin"}
-"""Set of each section; of mems the laps alone."""
-FLOOR_METHODS = ("inertial", "smoother", "smoother raw", "card", "smoother:directions", "iez", "qsf", "ma2018", "aiez")
-
-
-def measure_methods(real: Real, methods: Sequence[str]) -> Found:
-    """Run all methods on a walk; `smoother raw` is given no calibration, all others that by the walk itself."""
-    prepared = {iron: Recorded(real.path).prepare(iron) for iron in (RAW, WALK)}
-
-    def measure(name: str) -> Figures:
-        method, _, variant = name.removesuffix(" raw").partition(":")
-        walk = prepared[RAW if name.endswith(" raw") else WALK]
-        gate = variant.removeprefix("gate=") if variant.startswith("gate=") else walk.options.gate
-        changes = (("smoother.walk.directions", True),) if variant == "directions" else ()
-        outcome = run_method(replace(walk, options=replace(walk.options, gate=gate, changes=changes)), method)
-        if walk.truth is not None:
-            return {"error": outcome.metrics.rmse_2d_m}
-        return {"error": outcome.metrics.closure_percent, **measure_end(outcome.solution)}
-
-    return {name: partial(measure, name) for name in methods}
-
-
-def write_pairs(table: Table) -> list[str]:
-    """Each walk without and with the magnetometer."""
-    rows = []
-    for section, merit in (("gdin", "footprint rmse (m)"), ("openshoe", "closure (%)")):
-        some = [table.of(section, variant) for variant in ("inertial", "smoother raw", "smoother")]
-        errors = {walk: [of[walk]["error"] for of in some] for walk in some[0]}
-        errors[f"{section}, mean: {merit}"] = np.mean(list(errors.values()), axis=0).tolist()
-        rows += [[walk, *(f"{value:.3f}" for value in values)] for walk, values in errors.items()]
-    return write_table(["walk", "without", "as recorded", "calibrated on the walk"], rows)
-
-
 EXPERIMENTS: Mapping[str, Experiment] = {
     "real-walks": Experiment(
-        """Real walks by the smoother without a magnetometer, the filter, and what came with the recordings.
+        """All real sets, every method on the same stances: feet, pairs of feet, trouser pockets.
 
-        rmse after yaw and position alignment, of footprints after a rigid fit; scale; NEES of the stance positions over
-        its expectation. Of closed walks the distance from the first footfall to the last over the ground and up, m, and
-        over their sigmas (root mean square: 1 where these are as claimed). Nothing is set by walk.""",
-        partial(list_tasks, list(SECTIONS), METHODS),
+        rmse after yaw and position alignment, of footprints after a rigid fit; NEES of the stance positions over its
+        expectation. Of closed walks the distance from the first footfall to the last over the ground and up, m, and
+        over their sigmas (root mean square: 1 where these are as claimed). Inside: share of the footfalls, or of the
+        ends, inside the claimed 95 % region. Pockets: mean distance to fixes, the path laid on those of the first
+        10 % of the time, or every second one given. Nothing is set by walk. `smoother` has the magnetometer where
+        there is one; qsf, ma2018 and aiez have it calibrated by the walk itself; labels are PyShoe's.""",
+        lambda chosen: list_tasks(list(SECTIONS), partial(measure_real, chosen.python), chosen) + list_worn(chosen),
         (
-            Column(RMSE, "rmse 2-D (m)", MEAN),
-            Column(SPACE, "3-D (m)", f"{MEAN} / p95"),
-            Column("scale", "scale", "median", "{:.4f}"),
+            *(
+                Column(figure, head, f"{MEAN} / p95")
+                for figure, head in (
+                    (RMSE, "rmse 2-D (m)"),
+                    (SPACE, "3-D (m)"),
+                    (GROUND, "end (m)"),
+                    (Z, "z (m)"),
+                    (FIXES, "fixes (m)"),
+                )
+            ),
+            Column("ground_ratio", "end / sigma", "rms", "{:.2f}"),
+            Column("z_ratio", "z / sigma", "rms", "{:.2f}"),
             Column(NEES, "NEES", "median", "{:.2f}"),
-            Column(CLOSURE, "closure (%)", WORST, "{:.2f}"),
-            Column(GROUND, "end (m)", "mean / worst"),
-            Column("ground_ratio", "/ sigma", "rms", "{:.2f}"),
-            Column(Z, "z (m)", "mean / worst"),
-            Column("z_ratio", "/ its sigma", "rms", "{:.2f}"),
+            Column("scale", "scale", "median", "{:.4f}"),
+            Column(CLOSURE, "closure (%)", MEAN, "{:.2f}"),
+            Column(INSIDE, "inside", "mean", "{:.2f}"),
+            *(Column(word, word, "sum", "{:.0f}") for word in WORDS[:3]),
         ),
         [Asked(key, how, high=high, section=LABELLED, variant=INERTIAL) for (key, how), high in PYSHOE.items()],
-        blocks={
-            "real-walks": partial(write_lines, SUMMARY),
-            "vicon": partial(write_lines, VICON),
-            "closed": write_closed,
-            "passes": write_passes,
-            "behind": write_behind,
-        },
+        options={"python": option(None, "the interpreter that has gaitmap", metavar="PYTHON")},
+        blocks={"real-walks": write_sets},
     ),
     "parts": Experiment(
         "The smoother without one of its parts, on the same real walks (slow).",
-        lambda chosen: list_tasks(
-            PART_SECTIONS, {name: partial(smooth, parameters=PARTS[name]) for name in chosen.parts}, chosen
-        ),
+        lambda chosen: list_tasks(PART_SECTIONS, partial(measure_parts, chosen.parts), chosen),
         [Column(key.split()[0], key, key.split()[1]) for key in dict.fromkeys(key for _, key in PART_HEADS.values())],
         options={"parts": option(list(PARTS), "variants", nargs="+", choices=tuple(PARTS), metavar="NAME")},
         blocks={"ablation": write_parts},
         keeps_walks=False,
-    ),
-    "real-magnetometers": Experiment(
-        """Real walks with a magnetometer, method beside method.
-
-        Laps of 355 m and openshoe: closure over the ground, % of the way; gdin: rmse at the footprints, m. All methods
-        have the magnetometer that the walk itself calibrates, but for `raw`, which finds the iron on its way. `sigmas`:
-        error over claimed sigma of the last footfall, rms over walks and both axes.""",
-        lambda chosen: [
-            Task(section, one.name, partial(measure_methods, one, tuple(chosen.methods)))
-            for section, name in FLOORS.items()
-            for one in walks.list_set(walks.data_folder(chosen.data), name)
-            if section != "laps" or one.name.startswith("lap")
-        ],
-        (
-            Column("error", "mean / median / worst", "mean / median / worst"),
-            Column("ground_ratio", "sigmas", "rms", "{:.2f}"),
-        ),
-        options={"methods": FLOOR_METHODS},
-        blocks={"magnetometer": write_pairs},
     ),
     "verdicts": Experiment(
         """Verdicts on walks, with the error of their paths, and on recordings that are no walk or were spoiled.

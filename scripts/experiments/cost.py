@@ -244,7 +244,9 @@ def run_ours(method: str, recording: Recording, stances: Stances) -> tuple[float
     return seconds, Rotation.from_matrix(solution.nav_R_body), solution.position
 
 
-def run_peer(python: str | None, name: str, recording: Recording, stances: Stances) -> tuple[float, Rotation, Any]:
+def run_peer(
+    python: str | None, name: str, recording: Recording, stances: Stances, repeats: int = REPEATS
+) -> tuple[float, Rotation, Any]:
     """Run another program in its interpreter; raises `SimulationError` where that is not to be had."""
     if python is None:
         raise SimulationError(f"{name} needs an interpreter that has it: name that with --python.")
@@ -253,7 +255,7 @@ def run_peer(python: str | None, name: str, recording: Recording, stances: Stanc
     mag = mag[np.maximum.accumulate(np.where(seen, np.arange(len(mag)), np.argmax(seen)))]
     samples: dict[str, Any] = {"t": recording.t, "acc": recording.acc, "gyr": recording.gyr, "mag": mag}
     with tempfile.TemporaryDirectory() as folder:
-        np.savez(f"{folder}/input.npz", still=stances.mask, repeats=REPEATS, **samples)
+        np.savez(f"{folder}/input.npz", still=stances.mask, repeats=repeats, **samples)
         ran = subprocess.run([python, str(RUNNER), name, folder], capture_output=True, text=True, check=False)
         if ran.returncode:
             raise SimulationError(f"{name} did not run: {(ran.stderr.strip().splitlines() or ['no word'])[-1][:200]}")

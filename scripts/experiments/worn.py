@@ -7,7 +7,8 @@ was tuned was tuned on seeds 1 to 8.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from argparse import Namespace
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -23,19 +24,20 @@ from fg_nav.arrays import Bools, Floats, interpolate_columns
 from fg_nav.detection import detect_stances
 from fg_nav.evaluation.comparison import align, yaw_between
 from fg_nav.frames import yaw_rotation
-from fg_nav.io import read, read_gnss
+from fg_nav.io import Reading, read, read_gnss
 from fg_nav.lab.follow_pocket import follow_pocket
 from fg_nav.lab.reproduce.munoz_diaz2017.walks import FIELDS_UT, replace_field
 from fg_nav.lab.simulation import Choices, simulate, simulate_feet
 from fg_nav.lab.simulation.fields import Field, Homogeneous, street
 from fg_nav.magnetic import average_footfall_field
-from fg_nav.pipeline import Result, navigate
+from fg_nav.pipeline import Result, navigate, prepare_walk, run_method
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
 from fg_nav.smoother.batch import WalkInput
 from fg_nav.smoother.feet import smooth_feet
+from fg_nav.solution import Solution
 from fg_nav.truth import FixColumns, Gnss, find_turn
-from fg_nav.walk import Options, Walk
+from fg_nav.walk import Options, Walk, read_walk
 
 # --- two feet --------------------------------------------------------------------------------------------------------
 
@@ -54,19 +56,49 @@ def measure_pair(name: str, with_mag: bool, seed: int) -> Found:
     return measure_feet(feet, places)
 
 
-def measure_captured(data: Path) -> Found:
-    """Smooth both motion-captured feet; the truth is left-handed."""
-    folder = data / "two_feet" / "zupt_fgo"
+def list_worn(chosen: Namespace) -> list[Task]:
+    """Real pairs of feet and real pockets: sections of the table of all real sets."""
+    data = walks.data_folder(chosen.data)
+    sets = (
+        ("two feet, captured", measure_captured, "two_feet/zupt_fgo"),
+        ("two feet", measure_closed, "feet_thighs/[rc]*_LF.csv.gz"),
+        ("pocket", measure_pocket, "pocket_gnss/*.zip"),
+    )
+    return [Task(section, path.name.partition(".")[0], partial(measure, path))
+            for section, measure, files in sets for path in sorted(data.glob(files))]  # fmt: skip
+
+
+def measure_captured(folder: Path) -> Found:
+    """Smooth both motion-captured feet; the truth is left-handed. Rms of both feet, m."""
     captured, feet, places = np.genfromtxt(folder / "positionGt.csv", delimiter=",", skip_header=1), {}, {}
     for k, side in enumerate(SIDES):
         rows = np.genfromtxt(folder / f"imuMeas{side.capitalize()}.csv", delimiter=",", skip_header=1)
         recording = Recording(rows[:, 0] / 60.0, rows[:, 1:4], rows[:, 4:7])
         feet[side] = WalkInput(recording, detect_stances(recording))
         places[side] = captured[:, 1 + 3 * k : 4 + 3 * k] * [1.0, -1.0, 1.0]
-    return measure_feet(feet, places)
+    found = measure_feet(feet, places)
+    return {how: {"rmse_2d_m": float(np.sqrt(np.mean(np.square(list(of.values())))))} for how, of in found.items()}
 
 
-def measure_feet(feet: Mapping[str, WalkInput], places: Mapping[str, Floats]) -> Found:
+def measure_closed(left: Path) -> Found:
+    """Smooth both feet of a walk that ends where it began: distance from start to end, mean of both, m."""
+    paths = {"left": left, "right": left.with_name(left.name.replace("_LF", "_RF"))}
+    feet = {side: prepare_walk(read_walk(Reading().read(path), Options())) for side, path in paths.items()}
+    inputs = {side: WalkInput(walk.recording, walk.stances, 0.0, walk.field) for side, walk in feet.items()}
+
+    def measure(solutions: Iterable[Solution]) -> Figures:
+        ends = [solution.stances.position[-1] - solution.stances.position[0] for solution in solutions]
+        return {"ground_m": float(np.mean([np.hypot(*end[:2]) for end in ends]))}
+
+    def together() -> Figures:
+        both = smooth_feet(inputs["right"], inputs["left"])
+        return measure(getattr(both, side) for side in SIDES)
+
+    return {"alone": lambda: measure(run_method(walk, "smoother").solution for walk in feet.values()),
+            "together": together}  # fmt: skip
+
+
+def measure_feet(feet: Mapping[str, WalkInput], places: Mapping[str, Floats]) -> Mapping[str, dict[str, float]]:
     """Rms over the ground, m, after the best yaw and shift, of each foot alone and both together."""
     both, found = smooth_feet(feet["right"], feet["left"]), dict[str, dict[str, float]](alone={}, together={})
     for side, foot in feet.items():
@@ -140,14 +172,14 @@ def measure_pocket(path: Path) -> Found:
     def by_sensor() -> Figures:
         _, walked = solve(None)
         turn, shift = find_turn(walked[first], FixColumns(t[first], place[first], sigma[first]))
-        return {"rigid (m)": distance(walked @ yaw_rotation(turn)[:2, :2].T + shift, ~first)}
+        return {"gnss_m": distance(walked @ yaw_rotation(turn)[:2, :2].T + shift, ~first)}
 
     def by_fixes() -> Figures:
         found, fused = solve(replace(gnss, fixes=kept[::2]))
         start: Any = found.parameters["gnss_start"]  # in the axes of the fixes
         origin = gnss.latitude_deg, gnss.longitude_deg, 0.0
         shift = geodetic2enu(start["latitude_deg"], start["longitude_deg"], 0.0, *origin)[:2]
-        return {"held (m)": distance(fused + np.array(shift), ~half)}
+        return {"gnss_m": distance(fused + np.array(shift), ~half)}
 
     return {"sensor": by_sensor, "with fixes": by_fixes}
 
@@ -171,11 +203,6 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         seeds=20,
         options={"scenarios": ["office", "mall", "teaching-building"]},
     ),
-    "real-feet": Experiment(
-        "A motion-captured pair of feet, zupt_fgo: the rms after the best yaw and shift, m.",
-        lambda chosen: [Task("zupt_fgo", "120 s in laps", partial(measure_captured, walks.data_folder(chosen.data)))],
-        [Column(f"{side} (m)", f"{side} (m)", "mean") for side in SIDES],
-    ),
     "pocket-bias": Experiment(
         """How fast a gyro bias is found in a trouser pocket, and how far off the heading is after 39 minutes
         (simulated).
@@ -192,16 +219,5 @@ EXPERIMENTS: Mapping[str, Experiment] = {
             for variant in variants
         ],
         seeds=20,
-    ),
-    "real-pockets": Experiment(
-        """Phones in real trouser pockets beside GNSS: how near.
-
-        Mean distances, m, of the path laid on the fixes of the first 10 % of the time from those of the last 90 %
-        (rigid), and from every second fix, the others given (held).""",
-        lambda chosen: [
-            Task("pockets", path.stem.removeprefix("pocket_"), partial(measure_pocket, path))
-            for path in sorted(walks.data_folder(chosen.data).glob("pocket_gnss/*.zip"))
-        ],
-        [Column(name, name, "median / worst", "{:.2f}") for name in ("rigid (m)", "held (m)")],
     ),
 }
