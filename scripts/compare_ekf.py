@@ -37,7 +37,7 @@ from harness import FIRST_SEED, option
 
 from fg_nav.lab.campaign.execute import find_simulated, make, recorded_keys, run_here, settings_of, simulated_keys
 from fg_nav.lab.campaign.methods import method_of
-from fg_nav.lab.campaign.walks import LOOP, MAGNETOMETERS, MIXTURES, Recorded, Source
+from fg_nav.lab.campaign.walks import LOOP, MAGNETOMETERS, Recorded, Source
 from fg_nav.lab.reproduce.runner import at_landmarks, mean, walk_error
 from fg_nav.lab.simulation import scenario
 from fg_nav.lab.simulation.scenarios import FIELDS
@@ -102,7 +102,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         out=option(Path("comparison"), "folder of the results", type=Path, metavar="DIR"),
         methods=METHODS,
         scenarios=SCENARIOS,
-        fields=option(["smooth", "between", "indoor"], "levels of the field", nargs="+", choices=(*FIELDS, *MIXTURES)),
+        fields=option(["smooth", "between", "indoor"], "levels of the field", nargs="+", choices=FIELDS),
         magnetometer=option([LOOP], "what is known of the iron", nargs="+", choices=MAGNETOMETERS),
         seeds=20,
         first=FIRST_SEED,

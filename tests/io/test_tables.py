@@ -158,7 +158,7 @@ def test_lost_rows_are_seen_in_the_gyroscope(tmp_path: Path) -> None:
     assert "of the rows are lost" in " ".join(lost.provenance.notes)
 
 
-@pytest.mark.parametrize(("sensor", "field", "keep_mag"), [("demo", "indoor-old", True), ("mpu-9250", None, False)])
+@pytest.mark.parametrize(("sensor", "field", "keep_mag"), [("demo", "indoor", True), ("mpu-9250", None, False)])
 def test_a_foot_that_sways_in_its_one_short_rest(sensor: str, field: str | None, keep_mag: bool) -> None:
     """1.2 deg/s of sway in the last 1.4 s, and no other rest."""
     walk = simulate("demo", 2, Choices(sensor=sensor, field=field))

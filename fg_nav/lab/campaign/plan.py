@@ -24,7 +24,6 @@ from fg_nav.lab.campaign.methods import method_of
 from fg_nav.lab.campaign.walks import (
     LOOP,
     MAGNETOMETERS,
-    MIXTURES,
     RECORDED,
     Reading,
     Recorded,
@@ -137,7 +136,7 @@ def _check_plan(file: PlanFile, folder: Path) -> Plan:
     walks = find_walks([folder / name for name in dict.fromkeys(file.recordings)], readings)
     # All results; two must not be stored in one file.
     fields, magnetometers = (list(dict.fromkeys(names)) for names in (file.fields, file.magnetometers))
-    for what, names, known in (("field", fields, (*FIELDS, *MIXTURES)), ("magnetometer", magnetometers, MAGNETOMETERS)):
+    for what, names, known in (("field", fields, FIELDS), ("magnetometer", magnetometers, MAGNETOMETERS)):
         for one in names:
             check_known(what, one, known)
     seeds = _list_seeds(file) if scenarios else range(0)

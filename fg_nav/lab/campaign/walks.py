@@ -46,10 +46,6 @@ RAW = "raw"  # No calibration is given: the methods correct it by the walk itsel
 NONE = "none"  # No magnetometer.
 MAGNETOMETERS = (LOOP, PERFECT, WALK, RAW, NONE)
 
-MIXTURES: Mapping[str, float] = {"between": 0.35}
-"""Share of the field `indoor` in a mixture with `smooth`: with one seed the two have the same steps and the same
-noise, and the magnetometer's reading is linear in the field. The mixture has no truth of its own."""
-
 
 @dataclass(frozen=True)
 class Reading:
@@ -83,7 +79,7 @@ class Simulated:
         """All that decides what is simulated, but for the seed."""
         one = Choices(field=self.level).apply_to(self.scenario)
         walk: dict[str, Any] = {name: getattr(one, name) for name in ("worn", "site", "magnets")}
-        walk |= {"field": (self.level, MIXTURES.get(self.level)), "sensor": one.prior}
+        walk |= {"field": self.level, "sensor": one.prior}
         own = {} if self.content is None else {"course": parse_toml(self.content)["course"], "aligned": one.aligned}
         return walk | own
 
@@ -91,7 +87,7 @@ class Simulated:
         """Input of all methods; raises `CalibrationError` if the loop does not calibrate."""
         one, perfect = self.scenario, magnetometer == PERFECT
         if perfect not in self._walks:
-            self._walks[perfect] = simulate_walk(one, self.seed, self.level, perfect)
+            self._walks[perfect] = simulate(one, self.seed, Choices(field=self.level, calibrated=perfect))
         walked = self._walks[perfect]
         heading_deg = float(np.rad2deg(compute_heading(walked.attitude[0])))
         calibration = simulate_calibration(one, self.seed) if magnetometer == LOOP else None
@@ -103,16 +99,6 @@ class Simulated:
     def landmarks(self) -> Sequence[Passing]:
         """Crossings of landmarks of the prepared walk: with and without iron they are the same."""
         return next(iter(self._walks.values())).landmarks
-
-
-def simulate_walk(name: str | Scenario, seed: int, level: str, calibrated: bool = False) -> SimulatedWalk:
-    """Simulate a walk in one of the simulator's fields, or in one of `MIXTURES`."""
-    if level not in MIXTURES:
-        return simulate(name, seed, Choices(field=level, calibrated=calibrated))
-    smooth, indoor = (simulate(name, seed, Choices(field=one, calibrated=calibrated)) for one in ("smooth", "indoor"))
-    one, other = smooth.mag, indoor.mag
-    mixed = (1.0 - MIXTURES[level]) * one + MIXTURES[level] * other
-    return replace(smooth, recording=replace(smooth.recording, mag=mixed))
 
 
 def simulate_calibration(name: str | Scenario, seed: int) -> Calibration:

@@ -203,12 +203,16 @@ class Planned:
     scenario: str = ""
 
     def lines(self, levels: Sequence[str]) -> list[Line]:
-        """Rows of a run in these fields; what is of no field stands in the first."""
+        """Rows of a run in these fields; what is of no field stands in the first, and only there a row is judged.
+
+        A figure is reproduced only on the field on which the paper's others are.
+        """
         lines = []
         for line in self.rows:
             for level in levels if "{field}" in line.quantity else levels[:1]:
-                quantity = line.quantity.replace("{field}", level)
-                lines.append(replace(line, quantity=quantity, level=level, judged=line.judged or self.judged))
+                quantity, paper = line.quantity.replace("{field}", level), line.paper if level == levels[0] else None
+                judged = line.judged or self.judged
+                lines.append(replace(line, quantity=quantity, level=level, judged=judged, paper=paper))
         return lines
 
 

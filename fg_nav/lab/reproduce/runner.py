@@ -34,7 +34,7 @@ from fg_nav.lab.reproduce.results import (
     read_table,
     spread_of,
 )
-from fg_nav.lab.simulation.fields.building import CLUTTERS, SMOOTH_KINDS
+from fg_nav.lab.simulation.fields.building import FLOOR, INDOOR, INDOOR_KINDS, REGION, SMOOTH_KINDS, STRENGTH_SPREAD
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.files import make_folder
 from fg_nav.lab.store.results import USED, Arrays, Key, Measurement, Result, read_result
@@ -44,7 +44,12 @@ from fg_nav.report.plots import style
 from fg_nav.text import format_count
 
 RESULTS_FOLDER = "cells"  # Of the folder of a reproduction.
-FIELDS: dict[str, Any] = {"smooth": SMOOTH_KINDS, **CLUTTERS}  # Objects and floor of a level.
+FIELDS: Mapping[str, Any] = {
+    "smooth": SMOOTH_KINDS,
+    "between": {"share of indoor, the rest is smooth": INDOOR["between"]},
+    "indoor": {"floor": FLOOR, "kinds": INDOOR_KINDS, "region": REGION, "strength_spread": STRENGTH_SPREAD},
+}
+"""Objects and floor of a level."""
 
 Parts = Mapping[str, Sequence[Measurement]]  # By kind.
 Measures = Mapping[str, Callable[[Line], Mapping[str, Spread]]]  # By the first word of `Line.measure`: by column.

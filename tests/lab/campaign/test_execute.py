@@ -11,7 +11,7 @@ from fg_nav.io.writing import write_canonical
 from fg_nav.lab.campaign import execute, walks
 from fg_nav.lab.campaign.execute import BUG, Task, evaluate_outcome, make, run_task, tasks_of
 from fg_nav.lab.campaign.methods import solve_by
-from fg_nav.lab.campaign.walks import LOOP, RAW, Recorded, Simulated, pack, simulate_calibration, simulate_walk
+from fg_nav.lab.campaign.walks import LOOP, RAW, Recorded, Simulated, pack, simulate_calibration
 from fg_nav.lab.simulation import simulate
 from fg_nav.lab.simulation.walk import Passing
 from fg_nav.lab.store.results import Key, Result, read_result
@@ -25,7 +25,7 @@ from tests.lab.store.stored import check_that_it_alone_is_read
 def counted(monkeypatch):
     """Walks that are simulated or read, one after the other."""
     some = []
-    for name in ("simulate_walk", "read"):
+    for name in ("simulate", "read"):
         was = getattr(walks, name)
         monkeypatch.setattr(walks, name, lambda *what, was=was: some.append(what[0]) or was(*what))
     return some
@@ -148,13 +148,6 @@ def test_errors_at_landmarks_are_those_of_the_path_there():
         apart = np.linalg.norm(np.array(found.estimate[mode]) - np.array(found.truth), axis=1)
         np.testing.assert_allclose(found.landmark_m[mode], apart[5:40:7], atol=0.02)
     assert found.landmark_m[AS_STARTED] != found.landmark_m[BEST_YAW]
-
-
-def test_a_mixture_has_the_steps_of_both_and_a_field_between_them():
-    smooth, between, indoor = (simulate_walk("demo", 101, level) for level in ("smooth", "between", "indoor"))
-    np.testing.assert_array_equal(between.recording.gyr, smooth.recording.gyr)
-    away = [np.nanmean(np.abs(between.recording.mag - other.recording.mag)) for other in (smooth, indoor)]
-    assert away[0] / (away[0] + away[1]) == pytest.approx(0.35)
 
 
 def test_a_loop_with_the_same_shoe_takes_the_iron_off():

@@ -7,7 +7,6 @@ from fg_nav.lab.reproduce import ma2018
 from fg_nav.lab.reproduce.ma2018 import (
     AT_REST,
     IRON_ON,
-    SHARES,
     WALKED,
     Case,
     find_slope,
@@ -38,7 +37,7 @@ def statistics(scenario, seed):
     """Of a detector that sees the true change with some noise; none passes on curves."""
     rng = np.random.default_rng(seed)
     arrays = {}
-    for field in SHARES:
+    for field in INDOOR:
         change, course = rng.uniform(0.0, 25.0, STANCES), rng.uniform(0.0, 30.0, STANCES)
         statistic = change / 10 * np.exp(0.3 * rng.standard_normal(STANCES))
         wrong = np.abs(rng.normal(0.0, 5.0, STANCES))

@@ -41,7 +41,7 @@ from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import wrap_angle
 from fg_nav.lab import palette
-from fg_nav.lab.campaign.walks import LOOP, MIXTURES, RAW, Simulated
+from fg_nav.lab.campaign.walks import LOOP, RAW, Simulated
 from fg_nav.lab.field_survey import measure_compass_deviation, measure_course_change, measure_field_change
 from fg_nav.lab.reproduce.drawing import new_panels
 from fg_nav.lab.reproduce.results import NOTHING, Line, Spread, spread_of
@@ -49,6 +49,7 @@ from fg_nav.lab.reproduce.roc import Roc, make_roc
 from fg_nav.lab.reproduce.runner import WALK_FIGURES, Found, Made, Measures, Paper, Parts, reduction_over
 from fg_nav.lab.simulation import SCENARIOS, Choices, scenario, simulate
 from fg_nav.lab.simulation.fields import SITES
+from fg_nav.lab.simulation.fields.building import INDOOR
 from fg_nav.lab.simulation.plan import Stand
 from fg_nav.lab.simulation.sensors import SensorPrior, ma_table_1, make_iron, preset
 from fg_nav.lab.simulation.walk import Streams
@@ -82,7 +83,6 @@ SIGMAS = {WALKED: WALKED, IRON_ON: IRON_ON, "at rest, one seed": AT_REST}  # By 
 
 WINDOW = 3  # Strides of a window, as Ma has it; one truth for all detectors, whatever their own windows.
 BETWEEN = "between"  # The field in which there are stances of both kinds.
-SHARES = {"smooth": 0.0, **MIXTURES, "indoor": 1.0}  # How much of `indoor` is in each field; the rest is `smooth`.
 LIMIT_UT = {"smooth": 2.0, BETWEEN: 10.0, "indoor": 20.0}  # Of the change of the vector over a window.
 MA, MA_THRESHOLD, OURS = "ma2018-printed", 170.0, "ma2018"
 JUDGED_BY = {PRINTED: MA, PHYSICAL: OURS}  # Detectors by column of M-E2b.
@@ -108,7 +108,7 @@ def list_parts(seeds: Sequence[int], quick: bool) -> Parts:
 def read_run(made: Made) -> Found:
     """What each row is read off, and the paper's figures."""
     loops = made.load("loop")
-    cases = {field: Case(field, made.load("roc")) for field in SHARES}
+    cases = {field: Case(field, made.load("roc")) for field in INDOOR}
     measures: Measures = {
         **measure_calibration(loops),
         "sigma": partial(measure_sigma, made.load("noise")),
@@ -319,7 +319,7 @@ def measure_detections(name: str, seed: int) -> Arrays:
     attitude = integrate_attitude(recording, stances)
     sample = stances.stillest(recording.gyr)
     arrays: dict[str, Floats] = {}
-    for level, share in SHARES.items():
+    for level, share in INDOOR.items():
         # the walk in a mixture of the two fields, its iron removed as drawn
         nav_field = (1 - share) * smooth.nav_field(sample) + share * indoor.nav_field(sample)
         mixed = (1 - share) * smooth.mag + share * indoor.mag

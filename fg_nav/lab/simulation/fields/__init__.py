@@ -14,7 +14,7 @@ An environment is drawn about the path of a walk: `draw_environment("indoor", SI
 on the floor is added to it: `Sum((field, magnet(position, moment)))`.
 """
 
-from fg_nav.lab.simulation.fields.building import CLUTTERS, LEVELS, draw_environment, draw_floor
+from fg_nav.lab.simulation.fields.building import LEVELS, draw_environment, draw_floor
 from fg_nav.lab.simulation.fields.field import (
     AS_PRINTED,
     PAST_CARS,
@@ -35,7 +35,6 @@ from fg_nav.lab.simulation.fields.field import (
 
 __all__ = [
     "AS_PRINTED",
-    "CLUTTERS",
     "LEVELS",
     "PAST_CARS",
     "PHYSICAL",

@@ -41,8 +41,8 @@ indoor        a reinforced floor, with pillars, lockers, door frames, steel in t
               large objects: rough at the foot, milder at the pocket; and a regional field, alike for tens of meters.
               How strong all of it is differs from building to building. Fitted to walks of gdin, openshoe, mtig710
               and mems_foot together (docs/simulation.md)
-indoor-old    the same objects and floor as they were fitted to the ten gdin walks alone: no regional field, all
-              buildings alike. For results that were measured on it
+between       `BETWEEN` of the disturbance of an indoor building and the rest of that of a smooth one: the papers'
+              detectors see both kinds of footfalls on it
 ============= =====================================================================================================
 
 The disturbance of a building is B_b = f (B_floor + B_objects + B_currents + B_region), ln f ~ N(0, s^2). Currents and
@@ -150,7 +150,7 @@ def resample_path(points: Floats) -> FloorPath:
 
 @dataclass(frozen=True)
 class FloorParameters(Checked):
-    """How rough a floor is; the defaults are those of `indoor-old`.
+    """How rough a floor is; the defaults are those of `indoor`.
 
     Attributes
     ----------
@@ -162,9 +162,9 @@ class FloorParameters(Checked):
     modes : number of waves; no two have a length in common, so no building is large enough for them to repeat.
     """
 
-    strength_uT: NotNegative = 5.5
-    shortest_m: Positive = 0.6
-    longest_m: Positive = 12.0
+    strength_uT: NotNegative = 5.8
+    shortest_m: Positive = 0.7
+    longest_m: Positive = 20.0
     modes: Annotated[int, Field(ge=1)] = 240
 
 
@@ -344,31 +344,20 @@ INDOOR_KINDS = (
 )
 
 
-FLOOR = FloorParameters(strength_uT=5.8, shortest_m=0.7, longest_m=20.0)
+FLOOR = FloorParameters()
 """Together with the objects 8 uT per axis over ground, 10 upwards."""
 
 REGION = FloorParameters(strength_uT=2.0, shortest_m=30.0, longest_m=90.0, modes=24)
 """Of girders, decks and whole wings: legs of 50 to 85 m differ in their mean by 4 to 5 uT where the footfalls have 12
 (mems_foot). Waves of 60 to 150 m explain that as well, but their potential is twice that of the walks."""
 
+STRENGTH_SPREAD = 0.25  # s, of the logarithm of a building's strength.
+BETWEEN = 0.27  # Chosen for Ma's figures (`scripts/plans/ma_floor.toml`).
 
-@dataclass(frozen=True)
-class Clutter:
-    """What stands and lies in a building; the defaults are the level `indoor`."""
+INDOOR: Mapping[str, float] = {"smooth": 0.0, "between": BETWEEN, "indoor": 1.0}
+"""Share of the disturbance of a reinforced building in each level; the rest is that of large iron far off."""
 
-    floor: FloorParameters = FLOOR  # Roughness of level floors.
-    kinds: tuple[Kind, ...] = INDOOR_KINDS  # Objects.
-    region: FloorParameters | None = REGION  # Field that is alike for tens of meters, or None.
-    strength_spread: float = 0.25  # s, of the logarithm of a building's strength.
-
-
-CLUTTERS: Mapping[str, Clutter] = {
-    "indoor": Clutter(),
-    "indoor-old": Clutter(floor=FloorParameters(), region=None, strength_spread=0.0),
-}
-"""Of the levels that are buildings."""
-
-LEVELS = ("homogeneous", "smooth", *CLUTTERS)
+LEVELS = ("homogeneous", *INDOOR)
 
 
 def draw_environment(level: str, earth: Homogeneous, points: Floats, rng: np.random.Generator) -> Environment:
@@ -379,17 +368,18 @@ def draw_environment(level: str, earth: Homogeneous, points: Floats, rng: np.ran
     """
     if level == "homogeneous":
         return earth
-    path = resample_path(points)
-    if level == "smooth":
-        return Sum((earth, place_objects(SMOOTH_KINDS, path, earth.vector, rng)))
-    clutter = CLUTTERS[level]
-    ground = draw_floor(rng, clutter.floor, path.floor_m) if path.is_level else draw_treads(path, rng)
-    parts = [ground, place_objects(clutter.kinds, path, earth.vector, rng), *place_cables(path, rng)]
-    # last, so that a seed has the same objects in every building
-    if clutter.region is not None:
-        parts.append(draw_floor(rng, clutter.region, float(path.points[:, 2].min())))
-    strength = float(np.exp(clutter.strength_spread * rng.standard_normal()))
-    return Sum((earth, *(_scale(part, strength) for part in parts)))
+    path, share, parts = resample_path(points), INDOOR[level], list[Floor | Dipoles | Circuit]()
+    # large iron some meters off
+    if share < 1.0:
+        parts.append(_scale(place_objects(SMOOTH_KINDS, path, earth.vector, rng), 1.0 - share))
+    # floor, objects and currents; the region last, so that a seed has the same objects in every building
+    if share > 0.0:
+        ground = draw_floor(rng, FLOOR, path.floor_m) if path.is_level else draw_treads(path, rng)
+        rough = [ground, place_objects(INDOOR_KINDS, path, earth.vector, rng), *place_cables(path, rng)]
+        rough.append(draw_floor(rng, REGION, float(path.points[:, 2].min())))
+        strength = share * float(np.exp(STRENGTH_SPREAD * rng.standard_normal()))
+        parts += [_scale(part, strength) for part in rough]
+    return Sum((earth, *parts))
 
 
 def _scale(part: Floor | Dipoles | Circuit, factor: float) -> Floor | Dipoles | Circuit:
