@@ -25,7 +25,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx_gallery.gen_gallery",
 ]
-exclude_patterns = ["_build", "examples", "results"]
+exclude_patterns = ["_build", "examples"]
 default_role = "code"  # what docstrings put in backticks
 html_theme = "furo"
 html_title = f"{project} {version}"

@@ -5,8 +5,8 @@
     python scripts/measure.py coverage --seeds 20 --jobs 2 --save
 
 Without `--save` figures are printed alone. With it the rows go to the store, `docs/results/NAME.json`, section by
-section, each with date, commit and seeds; sections that were not measured anew stay as they were. `write_results.py`
-makes the tables of it. `--store DIR` is another store, for trials.
+section, each with date, commit, sum of the code, seeds and command; others stay as they were. `write_results.py` makes
+the pages of it. `--store DIR` is another store, for trials.
 
 Parameters were chosen on plateaus seen on the same recordings. Seeds from 101 on are reported.
 """
@@ -14,6 +14,7 @@ Parameters were chosen on plateaus seen on the same recordings. Seeds from 101 o
 from __future__ import annotations
 
 import json
+import shlex
 import subprocess
 import sys
 from argparse import Namespace
@@ -25,10 +26,11 @@ from pathlib import Path
 from typing import Any
 
 import harness
-from experiments import FAILURE, SUMMARIES, Experiment, Table, Task, measure_variants, sum_up
+from experiments import ALL, FAILURE, SUMMARIES, WALKS, Experiment, Table, Task, measure_variants, sum_up
 from harness import option
 
 from fg_nav.errors import SimulationError
+from fg_nav.lab.store.code import source_sum
 from fg_nav.lab.store.files import make_folder, write_text
 from fg_nav.report.terminal import console
 
@@ -38,6 +40,7 @@ EXPERIMENTS: Mapping[str, Experiment] = {
 }
 ROOT = Path(__file__).resolve().parents[1]
 STORE = ROOT / "docs" / "results"
+OF_A_RUN = ("only", "data", "jobs", "per_walk", "save", "store")  # Options that change no figure.
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -47,18 +50,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if given and not given[0].startswith("-"):
             raise SimulationError(f"there is no experiment '{given[0]}': choose one of {', '.join(EXPERIMENTS)}.")
         print(__doc__)
-        harness.print_table(("experiment", ""), [(name, one.about.split("\n")[0]) for name, one in EXPERIMENTS.items()])
+        harness.print_table(("experiment", ""), [(name, one.question) for name, one in EXPERIMENTS.items()])
         return
     name, experiment = given[0], EXPERIMENTS[given[0]]
     chosen = parse(experiment, given[1:])
+    seeds = f"{chosen.first} to {chosen.first + chosen.seeds - 1}" if experiment.seeds else ""
+    stamp = make_stamp(write_command(name, experiment, chosen), seeds)
     table = run_tasks(select_tasks(experiment, chosen), chosen.jobs)
     print_sums(experiment, table)
     if chosen.per_walk:
         print_walks(table)
     harness.report_figures([figure for asked in experiment.asked for figure in asked.judge(table)])
     if chosen.save:
-        seeds = f"{chosen.first} to {chosen.first + chosen.seeds - 1}" if experiment.seeds else ""
-        path = save(chosen.store, name, experiment, table, seeds)
+        path = save(chosen.store, name, experiment, table, stamp)
         console().print(f"stored: {path}", soft_wrap=True)
 
 
@@ -105,13 +109,9 @@ def run_tasks(tasks: Sequence[Task], jobs: int) -> Table:
 
 def print_sums(experiment: Experiment, table: Table) -> None:
     """Print a table of each group of sections that have the same columns, and why figures are missing."""
-    groups: dict[tuple[str, ...], list[list[str]]] = {}
-    for section in table.sections:
-        heads, *rows = sum_up(table.select(section), experiment.columns)
-        groups.setdefault(tuple(heads), []).extend(rows)
-    for some, rows in groups.items():
+    for heads, rows in sum_up(table, experiment.columns).items():
         print()
-        harness.print_table(some, rows)
+        harness.print_table(heads, rows)
     for row in table.rows:
         if row.get(FAILURE):
             console().print(f"{row['section']}, {row['walk']}, {row['variant']}: {row[FAILURE]}", soft_wrap=True)
@@ -133,18 +133,17 @@ def print_walks(table: Table) -> None:
 # --- the store -------------------------------------------------------------------------------------------------------
 
 
-def save(folder: Path, name: str, experiment: Experiment, table: Table, seeds: str) -> Path:
+def save(folder: Path, name: str, experiment: Experiment, table: Table, stamp: Mapping[str, str]) -> Path:
     """Put the sections that were measured in place of what the store has of them; returns the file."""
     if not experiment.keeps_walks:
         table = keep_sums(experiment, table)
     path = folder / f"{name}.json"
     old = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {"made": {}, "rows": []}
-    made = {"date": date.today().isoformat(), "commit": read_commit()} | ({"seeds": seeds} if seeds else {})
     rows = [row for row in old["rows"] if row["section"] not in table.sections]
     for row in table.rows:
         known = {key: one for key, one in row.items() if one is not None}
         rows.append({key: float(f"{one:.5g}") if isinstance(one, float) else one for key, one in known.items()})
-    content = {"made": old["made"] | dict.fromkeys(table.sections, made), "rows": rows}
+    content = {"made": old["made"] | dict.fromkeys(table.sections, stamp), "rows": rows}
     write_text(make_folder(folder) / path.name, json.dumps(content, indent=1) + "\n")
     return path
 
@@ -153,12 +152,31 @@ def keep_sums(experiment: Experiment, table: Table) -> Table:
     """Return one row a section and variant: its sums over the walks, by the names of the columns."""
     rows = []
     for section, variant in table.cases:
-        row: dict[str, Any] = {"section": section, "walk": f"{len(table.of(section, variant))}", "variant": variant}
+        walks = len(table.of(section, variant))
+        row: dict[str, Any] = {"section": section, "walk": ALL, WALKS: walks, "variant": variant}
         for column in experiment.columns:
             values = table.values(section, variant, column.figure, column.over)
             row |= {column.head: SUMMARIES[column.summary](values)} if len(values) else {}
         rows.append(row)
     return Table(rows)
+
+
+def make_stamp(command: str, seeds: str) -> dict[str, str]:
+    """When, by which code and how something is measured; the sum is of one minor version of Python."""
+    minor = "{}.{}".format(*sys.version_info)
+    stamp = {"date": date.today().isoformat(), "commit": read_commit(), "code": source_sum(), "python": minor}
+    return stamp | {"command": command, **({"seeds": seeds} if seeds else {})}
+
+
+def write_command(name: str, experiment: Experiment, chosen: Namespace) -> str:
+    """Words that measure it again: the seeds, and options that are not as by default; an interpreter is one's own."""
+    default, words = vars(parse(experiment, [])), ["python", "scripts/measure.py", name]
+    for key, value in vars(chosen).items():
+        if key in OF_A_RUN or (value == default[key] and key not in ("seeds", "first")):
+            continue
+        values = ["PYTHON"] if key == "python" else value if isinstance(value, list) else [value]
+        words += [f"--{key.replace('_', '-')}", *(f"{one}" for one in values if one is not True)]
+    return shlex.join(words)
 
 
 def read_commit() -> str:

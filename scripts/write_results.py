@@ -1,170 +1,160 @@
-"""Every table of README and docs that has results in it, written from the store, `docs/results`.
+"""The pages of results, and every table of README and docs that has results in it, from the store, `docs/results`.
 
-    python scripts/write_results.py             write `docs/results.md` and the tables between marks in other pages
-    python scripts/write_results.py --check     exit with 1 where a page is not what would be written
+    python scripts/write_results.py                   write the pages, their pictures, and the tables between marks
+    python scripts/write_results.py --take FOLDER     first take a finished `fg-nav lab reproduce PAPER --out FOLDER`
+    python scripts/write_results.py --check           exit with 1 where a page is not what would be written
 
-============================================= ======================================================================
-`ma2018`, `aiez2017`, `munoz-diaz2017` .json  results.json of `fg-nav lab reproduce PAPER`
-any other                                     `python scripts/measure.py NAME --save`
-============================================= ======================================================================
-
-A table in a page stands between `<!-- written: NAME -->` and `<!-- end -->`. Below it is when, at which commit and on
-which seeds it was measured, and whether the code has changed since, as the checkout shows it: `--check` asks for all
-but that.
+`NAME.json` there is of an experiment, by `scripts/measure.py NAME --save`, or of a paper, by `--take`. Each has a page,
+`docs/results.md` lists them, `scripts/pages` has the templates. A table in another page stands between
+`<!-- written: NAME -->` and `<!-- end -->`. Below all is when, at which commit, on which seeds and how it was measured.
+A picture is drawn where its page does not say yet that it was drawn of these rows.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
-import subprocess
-from collections.abc import Mapping, Sequence
+import shutil
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import partial
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import harness
-from experiments import Table, write_table
-from measure import EXPERIMENTS, ROOT
+import numpy as np
+from experiments import ALL, Column, Table, sum_up, write_table
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from measure import EXPERIMENTS, ROOT, make_stamp
 
 from fg_nav.errors import OutputError
+from fg_nav.lab.palette import CYCLE
 from fg_nav.lab.reproduce import results
-from fg_nav.lab.reproduce.results import Experiment, Reproduction, format_name, format_printed, format_spread
+from fg_nav.lab.reproduce.results import PICTURES, Reproduction, format_name, format_printed, format_spread
 from fg_nav.lab.store.files import write_text
+from fg_nav.report.plots import style
 from fg_nav.report.terminal import console
 
-HEAD = f"""# The papers' figures and ours
+Made: TypeAlias = Mapping[str, Mapping[str, str]]  # Stamps by section, of a paper by its name.
+Block: TypeAlias = tuple[Callable[[], list[str]], Made]  # What writes the lines between marks, and of what they are.
 
-Written by `scripts/write_results.py`, never by hand, from the files in `docs/results`. All walks are simulated. A
-figure is the median over the walks, with {results.LOW_PERCENT:.0f} to {results.HIGH_PERCENT:.0f} % behind it. \
-The column that is judged, by its median,
-is in bold: the paper's own method as printed; of munoz-diaz2017, which as printed goes off by tens of degrees, the
-filter with misprints corrected and gravity as a mean over two strides. Ours is without the places that the smoother now
-recognizes: what these change on such walks is in measured.md. Verdicts:
-"""
-
-POCKET = "munoz-diaz2017"
-
-
-Line: TypeAlias = tuple[str, str, str, Sequence[str]]
-"""A line of another page: paper, experiment, what it is, and the rows that it is of, such as one a field."""
-
-
-def over_fields(paper: str, experiment: str, row: str) -> Line:
-    """A line of both fields."""
-    return paper, experiment, f"{row}, smooth / indoor", [f"{row}, {field}" for field in ("smooth", "indoor")]
-
-
-POCKET_ROWS = {
-    "D-E1": ["z off zero at the end, truly 0.1"],
-    "D-E2": [*(f"z is at -0.08 deg/s after, {site}" for site in ("north-pole", "equator", "munich")),
-             "z at the end, north-pole, truly -0.1"],
-    "D-E3": ["detector: z is at -0.08 deg/s after", "detector, MD (21) as printed: z is at -0.08 deg/s after"],
-    "D-E5": ["uncalibrated: z off at most, after 3 min"],
-    "D-E6": [f"{how}: {what}" for how in ("both updates", "gravity only")
-             for what in ("yaw error after the first round trip", "displacement after it")],
-}  # fmt: skip
-HEADLINES: Mapping[str, list[Line]] = {
-    "README.md": [
-        over_fields("ma2018", "M-E3", "final position error, proposed"),
-        over_fields("ma2018", "M-E4", "mean error at 42 landmarks, proposed"),
-        over_fields("aiez2017", "Z-E2", "position error, AIEZ"),
-        (POCKET, "D-E6", "", ["both updates: displacement after it"]),
-    ],
-    "docs/pocket.md": [(POCKET, name, "", [row]) for name, rows in POCKET_ROWS.items() for row in rows],
-}
-"""Lines of other pages."""
-
+PAGES = ROOT / "scripts" / "pages"
+HEADLINES: Mapping[str, Any] = tomllib.loads((PAGES / "headlines.toml").read_text(encoding="utf-8"))
 BESIDE = {"README.md": ("tuned", "matched, both ways")}  # Columns that stand there between the paper's method and ours.
 OURS = ("smoother", "online", "graph")  # Columns that they show beside the paper's method: the first there is.
 
 FOLDER = Path("docs/results")
-CHANGED = " The code has changed since."
-
 MARKED = re.compile(r"(<!-- written: ([\w-]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Write or check all pages."""
+    """Take what was made, and write or check all pages."""
     chosen = harness.parse_arguments(
         __doc__,
         arguments,
         check=harness.option(False, "refuse pages that are not what would be written"),
+        take=harness.option([], "folders of finished papers", type=Path, nargs="+", metavar="FOLDER"),
         root=harness.option(ROOT, "of the project", type=Path, metavar="DIR"),
     )
-    root: Path = chosen.root
-    # the papers, and the tables that experiments make of their files in the store
-    papers = [results.read_reproduction(root / FOLDER / f"{name}.json") for name in results.PAPERS]
-    blocks = {"papers": headlines(papers, "README.md"), "pocket": headlines(papers, "docs/pocket.md")}
-    for name, experiment in EXPERIMENTS.items():
-        path = root / FOLDER / f"{name}.json"
-        if experiment.blocks and path.exists():
-            content = json.loads(path.read_text(encoding="utf-8"))
-            stamps = ["", describe_stamps(name, content["made"])] if content["made"] else []
-            blocks |= {mark: [*write(Table(content["rows"])), *stamps] for mark, write in experiment.blocks.items()}
-    # the pages with marks, and the papers' own
-    old = {page: page.read_text(encoding="utf-8") for page in (root / "README.md", *sorted(root.glob("docs/*.md")))}
-    new = {page: fill_marks(text, blocks) for page, text in old.items() if MARKED.search(text)}
-    for page, text in {root / "docs" / "results.md": document(papers), **new}.items():
-        if chosen.check and old.get(page, "").replace(CHANGED, "") != text.replace(CHANGED, ""):
+    root, store = chosen.root, chosen.root / FOLDER
+    for folder in chosen.take:
+        take_paper(folder, store)
+    # the store: papers, rows of experiments, stamps of both
+    papers = {name: results.read_reproduction(store / f"{name}.json") for name in results.PAPERS}
+    content = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in store.glob("*.json")}
+    made: dict[str, Made] = {name: content.get(name, {}).get("made", {}) for name in (*papers, *EXPERIMENTS)}
+    tables = {name: Table(content.get(name, {}).get("rows", [])) for name in EXPERIMENTS}
+    # the pages of each, their list, and the pages with marks
+    old = {
+        page: page.read_text(encoding="utf-8")
+        for page in (root / "README.md", *root.glob("docs/*.md"), *store.glob("*.md"))
+    }
+    new = {store / f"{name}.md": render("paper", found=found, made=made[name]) for name, found in papers.items()}
+    new |= {store / f"{name}.md": write_page(name, tables[name], made[name]) for name in EXPERIMENTS}
+    new[root / "docs" / "results.md"] = render("results", papers=papers, experiments=EXPERIMENTS, made=made)
+    blocks: dict[str, Block] = {}
+    for mark, page in (("papers", "README.md"), ("pocket", "docs/pocket.md")):
+        of_lines = {name: stamp for paper, *_ in HEADLINES[page] for name, stamp in made[paper].items()}
+        blocks[mark] = partial(headlines, papers, page), of_lines
+    for name, one in EXPERIMENTS.items():
+        blocks |= {mark: (partial(write, tables[name]), made[name]) for mark, write in one.blocks.items()}
+    new |= {page: fill_marks(text, blocks) for page, text in old.items() if MARKED.search(text)}
+    for page in (one for one in old if one.parent == store and one not in new and not chosen.check):
+        page.unlink()
+        page.with_suffix(".png").unlink(missing_ok=True)
+    for page, text in new.items():
+        if chosen.check and old.get(page) != text:
             raise OutputError(f"{page} is not what is written from the files in {FOLDER}: run this without --check.")
         if not chosen.check:
+            drawn = re.search("<!-- drawn: .*", text)
+            if drawn and not (drawn[0] in old.get(page, "") and page.with_suffix(".png").exists()):
+                draw_walks(tables[page.stem], EXPERIMENTS[page.stem].columns, page.with_suffix(".png"))
             write_text(page, text)
         console().print(f"{'as written' if chosen.check else 'written'}: {page}", soft_wrap=True)
 
 
-def describe_stamps(name: str, made: Mapping[str, Mapping[str, str]]) -> str:
-    """Write when, at which commits and on which seeds it was measured, and whether the code has changed since."""
-    dates, commits, seeds = (
-        list(dict.fromkeys(one[key] for one in made.values() if one.get(key))) for key in ("date", "commit", "seeds")
-    )
-    words = [f"`scripts/measure.py {name}`, {' and '.join(dates)}", f"commit {' and '.join(commits)}"]
-    words += [f"seeds {' and '.join(seeds)}"] if seeds else []
-    return f"*{', '.join(words)}.{CHANGED if any(map(has_changed, commits)) else ''}*"
+def take_paper(folder: Path, store: Path) -> None:
+    """Copy the results of a paper into the store, with a stamp, and its pictures; refuses those of other code."""
+    found = results.read_reproduction(path := folder / "results.json")
+    stamp = make_stamp(found.command, results.format_seeds(found))
+    if found.versions.get("code") != stamp["code"]:
+        raise OutputError(f"{folder} was made by other code than this: make it again.")
+    content = {**json.loads(path.read_text(encoding="utf-8")), "made": {found.paper: stamp}}
+    write_text(store / f"{found.paper}.json", json.dumps(content, indent=1, ensure_ascii=False) + "\n")
+    for path in (folder / PICTURES).glob("*.png"):
+        shutil.copy(path, store / f"{found.paper}-{path.name}")
 
 
-@cache
-def has_changed(commit: str) -> bool:
-    """Whether the package differs from a commit; unknown, as in a copy without its history, is no."""
-    command = ["git", "diff", "--quiet", commit.removesuffix("+"), "--", "fg_nav", "factors"]
-    return subprocess.run(command, cwd=ROOT, capture_output=True).returncode == 1
+def join(made: Made, key: str, pattern: str = "{}") -> str:
+    """Join what the stamps say, each once."""
+    return " and ".join(dict.fromkeys(pattern.format(one[key]) for one in made.values() if key in one))
 
 
-def fill_marks(text: str, blocks: Mapping[str, Sequence[str]]) -> str:
+def describe_stamps(made: Made) -> str:
+    """Write when, at which commits, on which seeds and how it was measured."""
+    seeds, command = join(made, "seeds"), join(made, "command", "`{}`")
+    words = f"{join(made, 'date')}, commit {join(made, 'commit')}{f', seeds {seeds}' if seeds else ''}"
+    return f"*{words}{f': {command}' if command else ''}.*"
+
+
+def fill_marks(text: str, blocks: Mapping[str, Block]) -> str:
     """Return the page with the blocks between its marks."""
 
     def fill(mark: re.Match[str]) -> str:
         if mark[2] not in blocks:
             raise OutputError(f"there is no block '{mark[2]}': choose one of {', '.join(blocks)}.")
-        lines = "\n".join(blocks[mark[2]])
+        write, made = blocks[mark[2]]
+        lines = "\n".join([*write(), *(["", describe_stamps(made)] if made else [])])
         return f"{mark[1]}\n{lines}\n\n{mark[3]}"
 
     return MARKED.sub(fill, text)
 
 
-# --- the papers ------------------------------------------------------------------------------------------------------
+# --- pages -----------------------------------------------------------------------------------------------------------
 
 
-def document(found: Sequence[Reproduction]) -> str:
-    """Return the page."""
-    lines = [HEAD, *(f"* {verdict}: {meaning}" for verdict, meaning in results.MEANINGS.items()), ""]
-    lines += [f"The tolerance is {100 * results.TOLERANCE:.0f} % unless a row has its own.", ""]
-    counts = [[one.paper, results.format_seeds(one), *map(str, results.count_verdicts(one).values())] for one in found]
-    lines += write_table(["paper", "seeds", *results.VERDICTS], counts, words=2)
-    for one in found:
-        lines += ["", f"## {one.paper}", "", one.citation, ""]
-        lines += [f"`{one.command}`, seeds {results.format_seeds(one)}. {results.describe_counts(one)}", ""]
-        lines += ["With " + ", ".join(f"{name} {number}" for name, number in one.versions.items()) + "."]
-        for experiment in one.experiments:
-            lines += ["", f"### {experiment.name}: {experiment.title}", "", experiment.setting, ""]
-            lines += write_experiment(experiment, len(one.seeds))
-        lines += ["", "### What differs", "", "\n\n".join(one.differs)]
-    return "\n".join(lines) + "\n"
+def render(template: str, **known: Any) -> str:
+    """Fill a template of `scripts/pages`."""
+    environment = Environment(
+        loader=FileSystemLoader(PAGES), undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True
+    )
+    shared = {"results": results, "join": join, "stamps": describe_stamps, "list_rows": list_rows}
+    shared["table"] = lambda *given: "\n".join(write_table(*given))
+    return environment.get_template(f"{template}.md.j2").render(shared, **known)
 
 
-def write_experiment(experiment: Experiment, walks: int) -> list[str]:
-    """Return the table of an experiment; the judged column of a row is in bold."""
+def write_page(name: str, table: Table, made: Made) -> str:
+    """Return the page of an experiment; a picture that it has is named after the rows."""
+    one, drawn = EXPERIMENTS[name], hashlib.sha256(json.dumps(table.rows).encode()).hexdigest()[:16]
+    figures = [figure for asked in one.asked for figure in asked.judge(table)]
+    known = {"tables": sum_up(table, one.stored_columns), "rows": table.rows, "figures": figures, "made": made}
+    return render("experiment", name=name, experiment=one, drawn=list_shown(one.columns, table) and drawn, **known)
+
+
+def list_rows(experiment: results.Experiment, walks: int) -> list[list[str]]:
+    """Return the rows of an experiment of a paper; the judged column of a row is in bold."""
     rows = []
     for row in experiment.rows:
         figures = {column: format_spread(row, column, walks) for column in experiment.columns}
@@ -172,21 +162,23 @@ def write_experiment(experiment: Experiment, walks: int) -> list[str]:
             figures[row.judged] = f"**{figures[row.judged]}**"
         words = [f"**{row.verdict}**" if row.verdict else "", results.format_note(row)]
         rows.append([format_name(row), format_printed(row), *figures.values(), ": ".join(filter(None, words))])
-    return write_table(["", "paper", *experiment.columns, "verdict"], rows, last=1)
+    return rows
 
 
-def headlines(found: Sequence[Reproduction], page: str) -> list[str]:
+def headlines(papers: Mapping[str, Reproduction], page: str) -> list[str]:
     """Return the lines of another page, of one row with its spread, of several their medians."""
     beside = BESIDE.get(page, ())
     lines = list[list[str]]()
-    by_name = {(one.paper, experiment.name): (one, experiment) for one in found for experiment in one.experiments}
+    by_name = {
+        (one.paper, experiment.name): (one, experiment) for one in papers.values() for experiment in one.experiments
+    }
     for paper, name, what, wanted in HEADLINES[page]:
         if (paper, name) not in by_name:
             continue
         reproduction, experiment = by_name[paper, name]
         known = {row.quantity: row for row in reversed(experiment.rows)}
         for missing in [row for row in wanted if row not in known]:
-            raise OutputError(f"{paper} has no row '{missing}' in {name}: see HEADLINES in the script.")
+            raise OutputError(f"{paper} has no row '{missing}' in {name}: see `scripts/pages/headlines.toml`.")
         rows = [known[row] for row in wanted]
         first, figures = rows[0], list[str]()
         ours = next((column for column in OURS if column in first.ours), "")
@@ -196,6 +188,48 @@ def headlines(found: Sequence[Reproduction], page: str) -> list[str]:
         words = f"{paper}, {name}: {format_name(replace(first, quantity=what or first.quantity))}"
         lines.append([words, format_printed(first), *figures])
     return write_table(["", "paper", "its method here", *beside, "ours"], lines)
+
+
+# --- pictures --------------------------------------------------------------------------------------------------------
+
+DECADES = 30.0  # Largest over smallest value of an axis that is logarithmic.
+
+
+def list_shown(columns: Sequence[Column], table: Table) -> list[tuple[str, Column]]:
+    """Sections, each with the first column that it has; none of sums, nor columns of counts or of one value alone."""
+    sections = table.sections if {row["walk"] for row in table.rows} != {ALL} else []
+    found = {(c, s): np.concatenate([table.values(*case, c.figure) for case in table.select(s).cases])
+             for c in columns for s in sections}  # fmt: skip
+    values = {c: {x for s in sections for x in found[c, s]} for c in columns}
+    told = [c for c in columns if len(values[c]) > 1 and values[c] - {0.0, 1.0, np.inf}]
+    first = {s: next((c for c in told if len(found[c, s])), None) for s in sections}
+    return [(section, column) for section, column in first.items() if column]
+
+
+def draw_walks(table: Table, columns: Sequence[Column], path: Path) -> None:
+    """Draw a row a section: walks are dots, their median a bar, variants below one another in their colours."""
+    shown, variants = list_shown(columns, table), list(dict.fromkeys(variant for _, variant in table.cases))
+    known = np.concatenate([table.values(s, variant, c.figure) for s, c in shown for variant in variants])
+    finite = known[np.isfinite(known)]
+    is_log = finite.min() > 0.0 and finite.max() > DECADES * finite.min()
+    edge = finite.max() * (1.5 if is_log else 1.1)  # where infinite values are
+    with style.styled():
+        figure = style.new_figure(0.9 + max(0.25, 0.1 + 0.07 * len(variants)) * len(shown))
+        axes = figure.subplots()
+        for n, variant in enumerate(variants):
+            color, marker = CYCLE[n % len(CYCLE)], "osD"[n // len(CYCLE) % 3]  # both come again
+            axes.plot([], [], marker, color=color, markersize=4, label=variant)
+            for k, (section, column) in enumerate(shown):
+                some = np.minimum(table.values(section, variant, column.figure), edge)
+                place = k + 0.8 * ((n + 0.5) / len(variants) - 0.5)
+                axes.plot(some, np.full_like(some, place), marker, color=color, markersize=3, alpha=0.5)
+                if len(some):
+                    axes.plot(np.median(some), place, "|", color=color, markersize=9, markeredgewidth=2.5)
+        names = [section if column == shown[0][1] else f"{section}: {column.head}" for section, column in shown]
+        axes.set(xscale="log" if is_log else "linear", xlabel=shown[0][1].head, ylim=(len(shown) - 0.5, -0.5))
+        axes.set_yticks(range(len(shown)), names)
+        style.head(axes, "")
+    style.save(figure, path)
 
 
 if __name__ == "__main__":

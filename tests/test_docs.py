@@ -39,7 +39,7 @@ MAGNETIC_PAGE = ROOT / "docs/magnetic.md"
 NAMED = re.compile(r"scripts/([\w/]+)\.py")
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PROJECT = PYPROJECT["project"]
-PAGES = (README, ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md")))
+PAGES = (README, ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md")), *sorted(ROOT.glob("docs/results/*.md")))
 
 
 def list_commands() -> dict[str, Any]:

@@ -9,7 +9,7 @@ to 350. In windows of some strides, of the slow rate (below 6 Hz):
 * rhythm       autocorrelation of the rate about its principal axis at one stride
 * impact       the highest specific force: a walker's sensor is hit at every footfall
 
-In between, without rhythm, or without impact, the mount is neither (docs/measured.md, "Foot, thigh or neither").
+In between, without rhythm, or without impact, the mount is neither.
 
 Axes of gyroscope and accelerometer, by strides of a foot or of a thigh.
 

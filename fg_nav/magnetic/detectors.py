@@ -52,8 +52,8 @@ The detectors by name are those of the papers, physical and as printed. What mat
 heading. For AIEZ, a compass that is 10 deg off, or a strength that changes by 2.5 uT/s, 0.75 uT in a short stance.
 
 Sigmas of the physical presets are an eighth of that: 1 deg of heading difference, 0.5 deg, 0.375 uT for one stance's
-mean (noise: docs/measured.md). A heading itself scatters by 2 deg from stride to stride: iQSF is allowed 3 deg, and
-needs 20 deg as the least turn that matters. The compass of AIEZ is allowed 2.5 deg, beside the drift.
+mean. A heading itself scatters by 2 deg from stride to stride: iQSF is allowed 3 deg, and needs 20 deg as the least
+turn that matters. The compass of AIEZ is allowed 2.5 deg, beside the drift.
 
 As printed: Ma's sigmas, N = 3 and threshold 170 (28.9 deg a step in the heading difference alone). Zhang gives no value
 and Afzal's and iQSF's are not in these papers: Ma's sigmas where they apply, 10 deg and 0.5 uT/s for AIEZ, and the 99 %

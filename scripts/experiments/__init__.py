@@ -31,6 +31,7 @@ Found: TypeAlias = Mapping[str, Figures | Callable[[], Figures]]
 """Figures by variant, of one walk, or what measures them."""
 
 FAILURE = "failure"  # In place of figures: why there are none.
+ALL, WALKS = "all", "walks"  # In place of a walk, where a row has sums over them, and of how many.
 
 SUMMARIES: Mapping[str, Callable[[Floats], float]] = {
     "mean": lambda x: float(np.mean(x)),
@@ -200,19 +201,34 @@ class Experiment:
     blocks: Mapping[str, Block] = field(default_factory=dict)
     keeps_walks: bool = True
 
+    @property
+    def question(self) -> str:
+        """What is measured on what, in one sentence."""
+        return " ".join(self.about.split("\n\n")[0].split()).rstrip(".")
+
+    @property
+    def stored_columns(self) -> Sequence[Column]:
+        """Columns of the rows in the store: sums have the names of columns."""
+        if self.keeps_walks:
+            return self.columns
+        return [Column(one.head, one.head, "mean", one.pattern) for one in self.columns]
+
 
 # --- tables of pages -------------------------------------------------------------------------------------------------
 
 
-def sum_up(table: Table, columns: Sequence[Column]) -> list[list[str]]:
-    """Head, and a row of each section and variant; columns that are empty throughout are left out."""
-    heads = ["section", "variant", "walks", *(column.head for column in columns)]
-    rows = [
-        [section, variant, f"{len(table.of(section, variant))}", *(c.write(table, section, variant) for c in columns)]
-        for section, variant in table.cases
-    ]
-    kept = [k for k in range(len(heads)) if k < 3 or any(row[k] for row in rows)]
-    return [[row[k] or "-" for k in kept] for row in [heads, *rows]]
+def sum_up(table: Table, columns: Sequence[Column]) -> dict[tuple[str, ...], list[list[str]]]:
+    """Rows of each section and variant by their heads; columns that are empty throughout a section are left out."""
+    heads, groups = ["section", "variant", "walks", *(column.head for column in columns)], dict[tuple[str, ...], Any]()
+    for section in table.sections:
+        rows = []
+        for _, variant in table.select(section).cases:
+            walks = sum(row.get(WALKS, 1) for row in table.of(section, variant).values())
+            rows.append([section, variant, f"{walks}", *(c.write(table, section, variant) for c in columns)])
+        kept = [k for k in range(len(heads)) if k < 3 or any(row[k] for row in rows)]
+        group = groups.setdefault(tuple(heads[k] for k in kept), [])
+        group += [[row[k] or "-" for k in kept] for row in rows]
+    return groups
 
 
 def write_table(heads: Sequence[str], rows: Iterable[Sequence[str]], words: int = 1, last: int = 0) -> list[str]:

@@ -28,7 +28,7 @@ from scipy.spatial.transform import Rotation
 from stress import HEADER, Rows
 from walks import Real, simulate_long_walk
 
-from experiments import FAILURE, Asked, Column, Experiment, Figures, Found, Table, Task, write_table
+from experiments import Asked, Column, Experiment, Figures, Found, Task
 from fg_nav.detection import detect_stances
 from fg_nav.detection.stance import Stances
 from fg_nav.ekf import run_iez
@@ -191,13 +191,6 @@ def measure_simulator() -> Found:
 RUNNER = Path(__file__).resolve().parents[1] / "bench" / "peer_runner.py"
 OURS = ("smoother", "iez")
 PEERS: Sequence[str] = ("gaitmap", "gaitmap, our stances", "vqf", "vqf offline")  # the last two have no position
-LEFT_OUT: Mapping[str, str] = {
-    "fg-nav smoother": "-",
-    "fg-nav iez": "smoothing, field",
-    "gaitmap": "gyro bias, field, gaps, clipping, verdict; the ground is level",
-    "vqf": "position, sigmas of attitude",
-}
-"""What a program has no answer to, by the beginning of its name."""
 
 
 def list_peers(chosen: Namespace) -> list[Task]:
@@ -294,19 +287,6 @@ COLUMNS = tuple(
 )  # fmt: skip
 
 
-def write_peers(table: Table) -> list[str]:
-    """Write speed, errors and scope of each program, one row a set."""
-    lines = []
-    for section, variant in table.cases:
-        rows = list(table.of(section, variant).values())
-        failure = next((row[FAILURE] for row in rows if row.get(FAILURE)), "")
-        cells = ["-" if failure else column.write(table, section, variant) or "-" for column in COLUMNS]
-        known = next((words for begin, words in LEFT_OUT.items() if variant.startswith(begin)), "")
-        scope = failure or rows[0].get("leaves_out", known)
-        lines.append([section, variant, f"{rows[0].get('walks', len(rows))}", *cells, scope])
-    return write_table(["set", "program", "walks", *(column.head for column in COLUMNS), "leaves out"], lines, 2, 1)
-
-
 EXPERIMENTS: Mapping[str, Experiment] = {
     "cost": Experiment(
         """What a sample costs each estimator, over other calls on the same samples.
@@ -362,6 +342,5 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         COLUMNS,
         seeds=6,
         options={"python": option(None, "the interpreter that has the others", metavar="PYTHON")},
-        blocks={"peers": write_peers},
     ),
 }  # fmt: skip

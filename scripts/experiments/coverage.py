@@ -39,7 +39,7 @@ from harness import option, seeds_of
 from scipy.stats import chi2
 from walks import Real
 
-from experiments import Asked, Column, Experiment, Found, Table, Task, find_truth, give_heading, write_table
+from experiments import Asked, Column, Experiment, Found, Task, find_truth, give_heading
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EvaluationError
 from fg_nav.evaluation.comparison import align, interpolate_truth, lift_to_space, match_footprints, yaw_between
@@ -268,20 +268,6 @@ def cover(walk: Walk, heading: float | None, is_aligned: bool | None) -> dict[st
     return figures
 
 
-def write_coverage(table: Table) -> list[str]:
-    """Shares in the region of 95 % and error over sigma, one row a section."""
-    rows = []
-    for section in table.sections:
-        cells = []
-        for kind in FREEDOM:
-            inside = table.values(section, "smoother", kind)
-            ratio = table.values(section, "smoother", f"{kind} ratio")
-            missed = "" if not len(inside) or COVERED[0] <= inside.mean() <= COVERED[1] else ", missed"
-            cells.append(f"{inside.mean():.0%}, {np.median(ratio):.2f}{missed}" if len(inside) else "-")
-        rows.append([section, f"{len(table.of(section, 'smoother'))}", *cells])
-    return write_table(["", "walks", *FREEDOM], rows)
-
-
 EXPERIMENTS: Mapping[str, Experiment] = {
     "coverage": Experiment(
         """Do the sigmas hold 95 % of the errors: real walks, and simulated ways that do not come back.
@@ -299,6 +285,5 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         seeds=20,
         first=401,  # of ways that no estimator was tuned on
         options={"length": option(700.0, "of the simulated ways, m", metavar="M")},
-        blocks={"coverage": write_coverage},
     )
 }

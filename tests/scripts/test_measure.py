@@ -1,6 +1,7 @@
 """Experiments: how figures are summed up, judged, stored and written, and that each measures what it says."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -59,15 +60,32 @@ def test_what_is_asked_is_judged_in_each_section_that_has_it():
 
 def test_a_section_measured_anew_takes_the_place_of_what_the_store_has(tmp_path):
     experiment = experiments.Experiment("about", lambda chosen: [], [experiments.Column("error", "e", "mean")])
-    path = measure.save(tmp_path, "name", experiment, TABLE, "101 to 102")
-    measure.save(tmp_path, "name", experiment, table(("s", "1", "ours", 7.0)), "")
+    path = measure.save(tmp_path, "name", experiment, TABLE, measure.make_stamp("words", "101 to 102"))
+    measure.save(tmp_path, "name", experiment, table(("s", "1", "ours", 7.0)), measure.make_stamp("words", ""))
     content = json.loads(path.read_text())
     assert [row["error"] for row in content["rows"] if row["section"] == "s"] == [7.0]
     assert len(content["rows"]) == 3
     assert content["made"]["other"]["seeds"] == "101 to 102"
-    assert set(content["made"]["s"]) == {"date", "commit"}
-    kept = measure.keep_sums(experiment, TABLE)  # where walks are many
-    assert kept.of("s", "ours") == {"2": {"section": "s", "walk": "2", "variant": "ours", "e": 2.0}}
+    assert set(content["made"]["s"]) == {"date", "commit", "code", "python", "command"}
+    kept = measure.keep_sums(replace(experiment, keeps_walks=False), TABLE)  # where walks are many
+    assert kept.of("s", "ours") == {"all": {"section": "s", "walk": "all", "walks": 2, "variant": "ours", "e": 2.0}}
+    columns = replace(experiment, keeps_walks=False).stored_columns
+    assert experiments.sum_up(kept.select("s"), columns) == {
+        ("section", "variant", "walks", "e"): [["s", "ours", "2", "2.000"], ["s", "iez", "2", "2.000"]]
+    }
+
+
+def test_the_command_of_a_table_measures_the_same_again():
+    def write(name, *given):
+        experiment = measure.EXPERIMENTS[name]
+        return measure.write_command(name, experiment, measure.parse(experiment, given))
+
+    run = ("--save", "--jobs", "2", "--data", "somewhere", "--only", "s", "--per-walk")
+    assert write("real-walks", *run) == "python scripts/measure.py real-walks"
+    again = "python scripts/measure.py coverage --seeds 3 --first 401 --length 90.0"
+    assert write("coverage", "--seeds", "3", "--length", "90", *run) == again
+    assert write("peers", "--python", "some/python").endswith("peers --seeds 6 --first 101 --python PYTHON")
+    assert write("cost", "--ratio", "--minutes", "1", "2").endswith("cost --ratio --minutes 1.0 2.0")
 
 
 def test_sections_are_chosen_by_how_they_begin_and_what_cannot_be_read_has_failed():

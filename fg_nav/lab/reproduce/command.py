@@ -24,6 +24,7 @@ from fg_nav.errors import OutputError
 from fg_nav.lab.reproduce import results
 from fg_nav.lab.reproduce.results import MISSED, MISSED_EXPLAINED, PICTURES, Picture, Reproduction
 from fg_nav.lab.reproduce.runner import run_paper
+from fg_nav.lab.store.code import source_sum
 from fg_nav.lab.store.files import REPRODUCTION_MARKER, list_visible, make_folder, write_text
 from fg_nav.report.folder import lock_result, unwritable
 from fg_nav.report.terminal import console, progress, ruled_table
@@ -57,6 +58,8 @@ def reproduce(
     descriptor, _ = lock_result(out)
     try:
         _mark_folder(out, paper, force)
+        versions = {"fg-nav": find_version(), "code": source_sum(), "Python": platform.python_version()}
+        versions |= {name: metadata.version(name) for name in _LIBRARIES}
         # make the experiments, whose pictures are all in a folder of their own
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         with progress(f"{paper}, {number} seeds") as show_done:
@@ -64,8 +67,6 @@ def reproduce(
             made = run_paper(paper, out, range(first, first + number), workers or cores, show_done, quick)
         # write the page, then the results
         command = f"fg-nav lab reproduce {paper} --seeds {number} --first {first}{' --quick' if quick else ''}"
-        versions = {"fg-nav": find_version(), "Python": platform.python_version()}
-        versions |= {name: metadata.version(name) for name in _LIBRARIES}
         found = replace(made, command=command, versions=versions, parameters=to_json(made.parameters))
         write_text(out / REPORT, write_page(found, out))
         write_text(out / RESULTS, results.write_reproduction(found))

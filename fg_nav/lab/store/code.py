@@ -1,4 +1,4 @@
-"""Sum over the sources that make a result and the libraries that they run on.
+"""Sums over the sources that make a result, with the libraries that they run on and without.
 
 Comments, layout and docstrings do not count, nor does code that only shows results.
 """
@@ -15,21 +15,33 @@ from pathlib import Path
 
 import fg_nav
 
-SHOWS_ONLY = ("report/", "commands/", "lab/verbs/", "lab/reproduce/", "cli/")  # Sources that change no result.
+SHOWS_ONLY = ("report/", "commands/", "lab/verbs/", "cli/")  # Sources that change no result.
+PAPERS = "lab/reproduce/"  # Sources that change results of papers alone, whose own parts have sums of their own.
 LIBRARIES = ("gtsam", "numpy", "scipy", "numba", "pandas")  # Libraries that results depend on, to the last bit.
 
 
 @cache
 def code_sum() -> str:
-    """Sum over the package's sources and their runtime."""
+    """Sum over the package's sources and their runtime, of what makes the result of a walk."""
+    return sum_sources(list_sources((*SHOWS_ONLY, PAPERS)))
+
+
+@cache
+def source_sum() -> str:
+    """Sum over the package's sources alone, those of the papers' experiments too; of one minor version of Python."""
+    return sum_sources(list_sources(SHOWS_ONLY), "")
+
+
+def list_sources(without: tuple[str, ...]) -> list[Path]:
+    """List the package's sources but those whose names in it begin so."""
     root = Path(str(fg_nav.__file__)).parent
     sources = {*root.rglob("*.py"), *root.glob("factors/*.py")}  # factors is a link in a checkout
-    return sum_sources(sorted(path for path in sources if not path.relative_to(root).as_posix().startswith(SHOWS_ONLY)))
+    return sorted(path for path in sources if not path.relative_to(root).as_posix().startswith(without))
 
 
-def sum_sources(sources: Iterable[Path]) -> str:
-    """Sum over the executable part of these sources and their runtime."""
-    total = hashlib.sha256(describe_runtime().encode())
+def sum_sources(sources: Iterable[Path], runtime: str | None = None) -> str:
+    """Sum over the executable part of these sources and a runtime, by default this one."""
+    total = hashlib.sha256((describe_runtime() if runtime is None else runtime).encode())
     for path in sources:
         tree = ast.parse(path.read_text(encoding="utf-8"))
         for node in ast.walk(tree):  # without texts that stand alone

@@ -34,3 +34,5 @@ def test_another_statement_library_or_python_makes_another_sum_and_comments_do_n
         sum_of()
         assert "gtsam unknown, numpy unknown" in code.describe_runtime()
     assert sum_of() == before
+    assert code.sum_sources([path], "") != before
+    assert code.source_sum() != code.code_sum()
