@@ -21,6 +21,7 @@ import ast
 import os
 import random
 import re
+import signal
 import subprocess
 import sys
 import tempfile
@@ -154,7 +155,7 @@ def run_tests(tests: Sequence[str], copy: Path, limit_s: float) -> str:
             return f"{UNDECIDED}, it took too long"
         said.seek(0)
         failed = re.search(r"^(?:FAILED|ERROR) (.*?)(?: - |$)", said.read(), re.MULTILINE)
-    if failed or ended.returncode < 0:
+    if failed or (ended.returncode < 0 and ended.returncode != -signal.SIGTERM):  # which somebody sends
         return failed[1] if failed else f"a crash by signal {-ended.returncode}"
     return NOT_CAUGHT if ended.returncode == 0 else f"{UNDECIDED}, pytest ended with {ended.returncode}"
 
