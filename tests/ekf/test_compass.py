@@ -172,15 +172,16 @@ def test_position_and_heading_covary_as_a_walk_with_another_start_heading():
 
 
 def test_a_field_that_is_steadily_wrong_is_refused_for_good_and_one_whose_strength_changes_though_it_points_north():
-    """What a test on changes accepts after three strides (AIEZ, Figure 6)."""
+    """What a test on changes accepts after three strides (AIEZ, Figure 6); and 5 deg off north, which alone pass."""
     recording, stances, field, headings = walked(STRAIGHT, magnet)
     solution = solved(recording, stances, field, headings)
     assert words_of(solution, 20.0) == ({"quasi-static"}, {"disturbed"})
     assert np.abs(off_deg(solution, headings)).max() < 1.0
-    recording, stances, _, headings = walked(STRAIGHT)
+    recording, stances, _, headings = walked(STRAIGHT, lambda t: np.where(t > 20.0, 5.0, 0.0))
     stronger = replace(recording, mag=recording.mag * (1.0 + 0.2 * np.maximum(recording.t - 20.0, 0.0))[:, None])
     solution = solved(stronger, stances, average_footfall_field(stronger, stances), headings)
     assert words_of(solution, 20.0) == ({"quasi-static"}, {"disturbed"})
+    assert np.abs(off_deg(solution, headings)).max() < 1.0
 
 
 def test_tilt_course_and_compass_are_measured_with_the_sigmas_of_the_parameters():
