@@ -59,7 +59,7 @@ def magnet(t):
     return np.where(t > 20.0, 40.0, 0.0)
 
 
-@pytest.mark.parametrize("method", GATED)
+@pytest.mark.parametrize("method", [*GATED, "aiez"])
 def test_a_right_compass_holds_a_drifting_gyro(method):
     recording, stances, field, headings = walked(STRAIGHT, **DRIFT)
     own = NO_COURSE if method == "aiez" else find_parameters(method, PHYSICAL)
