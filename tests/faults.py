@@ -2,14 +2,18 @@
 
 `tests/faults.txt` has one a line, sorted: `file | old text | new text`, of which the old one is in the file once. It is
 put into a copy of the package, and the tests of the checkout run against that to the first failure: those of its own
-package, then of packages that use it, then all others. Nothing is kept. From the checkout:
+package, then of packages that use it, then all others. Nothing is kept.
 
-    python -m tests.faults --check                        each has its place in the code, and is Python
+`tests/equations.txt` has one for each row of docs/equations.md, in its order, that begins with the row's equation: it
+breaks what the equation says in the code of the row, and the row's own tests alone must catch it. From the checkout:
+
+    python -m tests.faults --check                        each of both has its place in the code, and is Python
     python -m tests.faults --list --only PATTERN          those with the regular expression in their line
     python -m tests.faults --sample 10 --seed 3 --jobs 2  ten of them by chance, two at a time
+    python -m tests.faults --equations                    those of the equations
     python -m tests.faults --file OTHER.txt               those of another list
 
-A line a fault says which test caught it, and after how long; the last lines count by package.
+A line a fault says which test caught it, and after how long; the last lines count by package, and all.
 """
 
 import argparse
@@ -17,6 +21,7 @@ import ast
 import os
 import random
 import re
+import signal
 import subprocess
 import sys
 import tempfile
@@ -28,8 +33,11 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+from tests.test_equations import ROWS, places_in
+
 ROOT = Path(__file__).parents[1]
-LIST = ROOT / "tests/faults.txt"
+LIST, EQUATIONS = ROOT / "tests/faults.txt", ROOT / "tests/equations.txt"
+TESTS = {row[0]: [f"tests/{file}::{name}" for file, name in places_in(row[3])] for row in ROWS if places_in(row[3])}
 BUDGET = "tests/test_laws.py::test_no_package_is_over_its_budget"  # Counts lines.
 CAUGHT, NOT_CAUGHT, UNDECIDED = "caught", "NOT CAUGHT", "NOT DECIDED"
 FIRST = {"factors": "factors smoother", "cli": "commands"}  # Tests of a package that are not in a folder of its name.
@@ -48,6 +56,10 @@ class Fault(NamedTuple):
     file: str
     old: str
     new: str
+    row: str = ""  # Equation of the row that it breaks.
+
+    def __str__(self) -> str:
+        return " | ".join(filter(None, (self.row, *self[:3])))
 
     @property
     def package(self) -> str:
@@ -55,11 +67,12 @@ class Fault(NamedTuple):
 
 
 def read_faults(path: Path = LIST) -> list[Fault]:
-    return [Fault(*line.split(" | ")) for line in path.read_text(encoding="utf-8").splitlines()]
+    lines = (line.split(" | ") for line in path.read_text(encoding="utf-8").splitlines())
+    return [Fault(*cells[-3:], *cells[:-3]) for cells in lines]
 
 
 def find_problems(faults: Sequence[Fault]) -> Iterator[str]:
-    for file, old, new in faults:
+    for file, old, new, _ in faults:
         text = (ROOT / file).read_text(encoding="utf-8") if (ROOT / file).is_file() else ""
         try:
             ast.parse(text.replace(old, new))
@@ -69,8 +82,18 @@ def find_problems(faults: Sequence[Fault]) -> Iterator[str]:
             yield f"{file}: '{old}' is there {text.count(old)} times"
 
 
+def find_rows_without_one(faults: Sequence[Fault]) -> Iterator[str]:
+    rows = Counter(fault.row for fault in faults)
+    for row in TESTS.keys() | rows:
+        if rows[row] != 1 or row not in TESTS:
+            yield f"'{row}' has {rows[row]} faults, and docs/equations.md {len(TESTS.get(row, ()))} tests of it"
+
+
 def order_tests(fault: Fault) -> Iterator[list[str]]:
-    """Yield the files of tests, stage by stage."""
+    """Yield the files of tests, stage by stage; of an equation the tests of its row."""
+    if fault.row:
+        yield TESTS[fault.row]
+        return
     left = [path.relative_to(ROOT / "tests").as_posix() for path in sorted((ROOT / "tests").rglob("test_*.py"))]
     parts = Path(fault.file).parts[1:-1]
     while parts and not any(path.startswith("/".join((*parts, ""))) for path in left):
@@ -132,7 +155,7 @@ def run_tests(tests: Sequence[str], copy: Path, limit_s: float) -> str:
             return f"{UNDECIDED}, it took too long"
         said.seek(0)
         failed = re.search(r"^(?:FAILED|ERROR) (.*?)(?: - |$)", said.read(), re.MULTILINE)
-    if failed or ended.returncode < 0:
+    if failed or (ended.returncode < 0 and ended.returncode != -signal.SIGTERM):  # which somebody sends
         return failed[1] if failed else f"a crash by signal {-ended.returncode}"
     return NOT_CAUGHT if ended.returncode == 0 else f"{UNDECIDED}, pytest ended with {ended.returncode}"
 
@@ -140,6 +163,7 @@ def run_tests(tests: Sequence[str], copy: Path, limit_s: float) -> str:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--file", type=Path, default=LIST)
+    parser.add_argument("--equations", action="store_const", const=EQUATIONS, dest="file")
     parser.add_argument("--only", default="", metavar="PATTERN")
     parser.add_argument("--sample", type=int, default=sys.maxsize, metavar="N")
     parser.add_argument("--seed", type=int, default=0)
@@ -148,20 +172,22 @@ def main() -> int:
     for option in ("--list", "--check"):
         parser.add_argument(option, action="store_true")
     given = parser.parse_args()
-    faults = [fault for fault in read_faults(given.file) if re.search(given.only, " | ".join(fault))]
-    faults = sorted(random.Random(given.seed).sample(faults, min(given.sample, len(faults))))
-    problems = list(find_problems(faults))
+    every, of_rows = read_faults(given.file), read_faults(EQUATIONS)
+    faults = [fault for fault in every if re.search(given.only, str(fault))]
+    faults = sorted(random.Random(given.seed).sample(faults, min(given.sample, len(faults))), key=every.index)
+    problems = [*find_problems(faults), *find_problems(of_rows), *find_rows_without_one(of_rows)]
     if given.list or given.check or problems:
-        say(*(problems or [" | ".join(fault) for fault in faults if given.list]), f"{len(faults)} faults", sep="\n")
+        say(*(problems or [fault for fault in faults if given.list]), f"{len(faults)} faults", sep="\n")
         return bool(problems)
     kinds = {kind: Counter[str]() for kind in (NOT_CAUGHT, UNDECIDED, CAUGHT)}
     with ThreadPoolExecutor(given.jobs) as pool:
         tried = pool.map(lambda fault: try_fault(fault, given.limit), faults)
         for fault, (found, took_s) in zip(faults, tried, strict=True):
             kinds[next((kind for kind in kinds if found.startswith(kind)), CAUGHT)][fault.package] += 1
-            say(f"{found}, {took_s:.0f} s: {' | '.join(fault)}")
+            say(f"{found}, {took_s:.0f} s: {fault}")
     for package in sorted({fault.package for fault in faults}):
         say(f"{package}: {', '.join(f'{count[package]} {kind}' for kind, count in kinds.items())}")
+    say(f"all: {', '.join(f'{count.total()} {kind}' for kind, count in kinds.items())}")
     return 0
 
 

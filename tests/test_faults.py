@@ -6,7 +6,9 @@ FEWEST = 2  # Faults of a package.
 
 
 def test_each_fault_has_its_one_place_in_the_code_and_is_python() -> None:
-    assert list(faults.find_problems(faults.read_faults())) == []
+    of_equations = faults.read_faults(faults.EQUATIONS)
+    assert list(faults.find_problems([*faults.read_faults(), *of_equations])) == []
+    assert list(faults.find_rows_without_one(of_equations)) == []
 
 
 def test_each_package_has_faults() -> None:

@@ -66,6 +66,8 @@ def test_eq_6_needs_the_full_round_and_eq_7_the_centre():
     assert np.abs(find_ellipse_by_extremes(part).offset_uT - OFFSET).max() > 1.0
     assert fit_ellipse(part).offset_uT == pytest.approx(OFFSET, abs=1e-3)
     whole = read_loop(np.linspace(0, 2 * np.pi, 3600))
+    unevenly = read_loop(2 * np.pi * np.linspace(0, 1, 3600) ** 2)
+    assert find_ellipse_by_extremes(unevenly).offset_uT == pytest.approx(OFFSET, abs=1e-3)
     ratios = [np.divide(*np.quantile(np.linalg.norm(whole - centre, axis=1), [0, 1])) for centre in (OFFSET, 0.0)]
     assert ratios[0] == pytest.approx(TAU, abs=1e-4)
     assert abs(ratios[1] - TAU) > 0.5

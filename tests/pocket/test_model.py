@@ -78,7 +78,10 @@ def test_the_attitude_turns_by_the_rate_less_bias_and_earth_and_the_bias_walks_a
     after = moved(state, quiet_model(hemisphere * 48.0)).nav_R_body
     assert np.allclose(after, before @ turned, rtol=0.0, atol=1e-13)
     walked = moved(state_with(np.zeros(6)), build_model(PocketParameters())).P
-    assert np.diag(walked)[3:] == pytest.approx(np.full(3, np.radians(10 / 3600) ** 2 / (200.0 / H)))
+    grown = np.radians(0.01) ** 2 * H, np.radians(10 / 3600) ** 2 / (200.0 / H)
+    assert np.diag(walked) == pytest.approx(np.repeat(grown, 3))
+    printed = moved(state_with(np.zeros(6)), build_model(PocketParameters(bias_returns_to_zero=True)))
+    assert printed.gyro_bias == pytest.approx(BIAS * np.exp(-H / 200.0), rel=1e-9)  # MD (10)
 
 
 @pytest.mark.parametrize("printed", [False, True])

@@ -92,6 +92,8 @@ def test_it_is_equation_21_for_a_field_along_north(exponent):
     north = 25 * (1 + K * (0.3 / r) ** exponent * np.cos(2 * rho))
     expected = np.stack([east, north, np.zeros_like(x)], axis=1)
     np.testing.assert_allclose(one_cylinder(exponent=exponent).at(position), expected, atol=1e-12)
+    elsewhere = Cylinders(np.array([[3.0, -1.0]]), np.array([0.3]), SITES["equator"], exponent=exponent)
+    np.testing.assert_allclose(elsewhere.at(position + np.array([3.0, -1.0, 0.0])), expected, atol=1e-12)
 
 
 def test_the_field_turns_with_the_field_that_makes_it():
