@@ -229,7 +229,6 @@ class Table:
     reasons: Mapping[str, Words]  # by name
     quick: Words = ""  # what a quick run leaves out
     fields: tuple[str, ...] = ("",)  # levels of the field that are walked
-    quick_fields: tuple[str, ...] = ()
     filters: Mapping[str, Mapping[str, str]] = field(default_factory=dict)  # methods by column, of each of its filters
     detectors: tuple[str, ...] = ()  # whose parameters are listed
 

@@ -102,13 +102,14 @@ def run_paper(
     table = read_table(name)
     paper: Paper = import_module(f"fg_nav.lab.reproduce.{name.replace('-', '_')}").PAPER
     # make what is missing
-    levels = table.quick_fields if quick and table.quick_fields else table.fields
     scenarios = [planned.scenario for planned in table.experiments if planned.scenario]
-    keys = simulated_keys(scenarios, levels, [LOOP], table.methods, seeds)  # the shoe calibrated on a loop, as Ma did
+    keys = simulated_keys(
+        scenarios, table.fields, [LOOP], table.methods, seeds
+    )  # the shoe calibrated on a loop, as Ma did
     parts = paper.parts(seeds, quick)
     run_missing(folder, keys, [part for some in parts.values() for part in some], workers, progress)
     # read the rows off it
-    made = Made(table, folder, levels, read_walks(folder, keys), parts)
+    made = Made(table, folder, table.fields, read_walks(folder, keys), parts)
     with style.styled():
         found = paper.read(made)
         figures = {
@@ -122,7 +123,7 @@ def run_paper(
     experiments = []
     for planned in table.experiments:
         rows = []
-        for line in planned.lines(levels):
+        for line in planned.lines(table.fields):
             what = str(line.measure[0])
             if what in WALK_FIGURES:  # of each method of a filter, over the walks through a scenario
                 methods, figure = table.filters[line.of].items(), WALK_FIGURES[what]

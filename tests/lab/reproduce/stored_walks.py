@@ -17,12 +17,11 @@ SHARES = {AS_STARTED: 1.0, BEST_YAW: 0.5}
 """What is left of a path's errors as it is laid on the truth; of those at its end all."""
 
 
-def keys_of_paper(paper, seeds, quick=False):
+def keys_of_paper(paper, seeds):
     """Every method on every walk of a paper's table."""
     table = read_table(paper)
-    levels = table.quick_fields if quick else table.fields
     scenarios = [planned.scenario for planned in table.experiments if planned.scenario]
-    return simulated_keys(scenarios, levels, ["loop"], table.methods, seeds)
+    return simulated_keys(scenarios, table.fields, ["loop"], table.methods, seeds)
 
 
 def store_walks(folder, keys, error_m, failing=()):

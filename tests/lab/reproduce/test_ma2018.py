@@ -171,7 +171,7 @@ def test_a_miss_without_a_reason_is_listed(measured, tmp_path):
 
 def test_quick_rests_for_ten_minutes_and_says_so(measured, tmp_path):
     seeds = (*SEEDS, 103)
-    store_walks(tmp_path, keys_of_paper("ma2018", seeds, quick=True), error_m)
+    store_walks(tmp_path, keys_of_paper("ma2018", seeds), error_m)
     shown = []
     found = run(tmp_path, seeds, True, shown.append)
     assert found.seeds == seeds
