@@ -101,7 +101,7 @@ def run_paper(
     """
     table = read_table(name)
     paper: Paper = import_module(f"fg_nav.lab.reproduce.{name.replace('-', '_')}").PAPER
-    # make what is missing
+    # make what is missing, the shoe calibrated on a loop, as Ma did
     scenarios = [planned.scenario for planned in table.experiments if planned.scenario]
     keys = simulated_keys(
         scenarios, table.fields, [LOOP], table.methods, seeds
