@@ -42,6 +42,7 @@ SETS: Mapping[str, tuple[str, str]] = {
     "corridor": ("corridor_lab/{}.csv.gz", "*"),  # to and fro
     "mems": ("mems_foot/{}.csv.gz", "lap_360m_* square_70m_* *rectangle_* c_shape_*"),  # closed, a raw sensor
     "all of mems": ("mems_foot/{}.csv.gz", "*"),
+    "mtig round": ("mtig710/{}.csv.gz", "*hallway*"),
     "mtig": ("mtig710/{}.csv.gz", "*"),  # passes of a corridor, stairs and other ways
     "feet": ("feet_thighs/{}.csv.gz", "rectangle*F circle*F"),  # closed, each foot
     "by hand": ("broad/{}.mat", "*"),  # a sensor that is turned and moved by hand

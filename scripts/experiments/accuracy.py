@@ -71,11 +71,11 @@ FILTERS = ("qsf", "ma2018", "aiez")  # Of the papers.
 
 LABELLED, DETECTED = "vicon, labels", "vicon"
 AIR = ", barometer"
-MAGNETIC = ("gdin", "running", "openshoe", "mems", "mtig", "feet")  # Sections whose sensor has a magnetometer.
+MAGNETIC = ("gdin", "running", "openshoe", "mems", "mtig round", "feet")  # Sections whose sensor has a magnetometer.
 SECTIONS: Mapping[str, Sequence[str]] = {
     LABELLED: ("vicon",),
     **{name: (name,) for name in ("vicon", "running", "gdin", "gdlbio", "gdlbio run", "openshoe", "xio")},
-    **{name: (name,) for name in ("mti round", "mti stairs", "corridor", "mems", f"mems{AIR}", "mtig", f"mtig{AIR}")},
+    **{name: (name,) for name in ("mti round", "mti stairs", "corridor", "mems", f"mems{AIR}", "mtig round")},
     "feet": ("feet",),
 }
 """Sets of each section; those with a barometer are solved by the smoother without magnetometer alone."""
@@ -214,6 +214,7 @@ SUMMARY: Mapping[str, tuple[str, str]] = {
     "mti stairs": ("stairs up and down, 100 Hz (`mti1_loops`)", GROUND),
     "corridor": ("a corridor to and fro, 89 m (`corridor_lab`)", GROUND),
     "mems": ("laps, squares, rectangles of 38 to 365 m, raw MEMS (`mems_foot`)", GROUND),
+    "mtig round": ("a round of 180 m, 400 Hz, gyroscope clipped (`mtig710`)", GROUND),
     "feet": ("rectangles of 16 m, circles of 11 m (`feet_thighs`)", GROUND),
     "two feet, captured": ("both feet in one graph, motion capture (`two_feet`); beside: each alone", RMSE),
     "two feet": ("both feet in one graph, the same rectangles and circles; beside: each alone", GROUND),
