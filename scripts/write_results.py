@@ -149,7 +149,14 @@ def write_page(name: str, table: Table, made: Made) -> str:
     """Return the page of an experiment; a picture that it has is named after the rows."""
     one, drawn = EXPERIMENTS[name], hashlib.sha256(json.dumps(table.rows).encode()).hexdigest()[:16]
     figures = [figure for asked in one.asked for figure in asked.judge(table)]
-    known = {"tables": sum_up(table, one.stored_columns), "rows": table.rows, "figures": figures, "made": made}
+    summary = [line for write in one.blocks.values() for line in write(table)] if table.rows else []
+    known = {
+        "summary": summary,
+        "tables": sum_up(table, one.stored_columns),
+        "rows": table.rows,
+        "figures": figures,
+        "made": made,
+    }
     return render("experiment", name=name, experiment=one, drawn=list_shown(one.columns, table) and drawn, **known)
 
 
