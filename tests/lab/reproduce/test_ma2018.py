@@ -7,6 +7,7 @@ from fg_nav.lab.reproduce import ma2018
 from fg_nav.lab.reproduce.ma2018 import (
     AT_REST,
     IRON_ON,
+    LIMIT_UT,
     WALKED,
     Case,
     find_slope,
@@ -16,7 +17,6 @@ from fg_nav.lab.reproduce.ma2018 import (
 from fg_nav.lab.reproduce.results import MISSED, MISSED_EXPLAINED, PUT_IN, REPRODUCED
 from fg_nav.lab.reproduce.roc import make_roc
 from fg_nav.lab.reproduce.runner import run_paper
-from fg_nav.lab.simulation.fields.building import INDOOR
 from fg_nav.magnetic import DETECTORS
 from tests.lab.reproduce.stored_walks import check_pictures, keys_of_paper, rows_of, store_walks
 from tests.pictures import sketch_pictures
@@ -38,7 +38,7 @@ def statistics(scenario, seed):
     """Of a detector that sees the true change with some noise; none passes on curves."""
     rng = np.random.default_rng(seed)
     arrays = {}
-    for field in INDOOR:
+    for field in LIMIT_UT:
         change, course = rng.uniform(0.0, 25.0, STANCES), rng.uniform(0.0, 30.0, STANCES)
         statistic = change / 10 * np.exp(0.3 * rng.standard_normal(STANCES))
         wrong = np.abs(rng.normal(0.0, 5.0, STANCES))
