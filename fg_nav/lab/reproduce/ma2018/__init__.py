@@ -13,9 +13,10 @@ M-E2b. The truth of a stance is the change of the true field over its window (`f
 quasi-static depends on how much steel there is, so there are three fields, each with its own limit: in the median over
 a window the field changes at the foot by 3 uT in `smooth`, by about 10 in `between` (0.6 of smooth and 0.4 of indoor)
 and by 27 in `indoor`, which is fitted to real walks over reinforced floors. With one seed all have the same steps and
-the same noise. Hard and soft iron are removed as drawn. AIEZ's statistic depends on its own threshold, for what passes corrects the heading it
-is compared with. Any ROC above the diagonal rises faster at its end than on the whole, so that is no test of the
-paper's "much faster": tested is the slope dP_FA/dP_D, which from 0.8 to 0.9 must be twice that from 0.7 to 0.8.
+the same noise. Hard and soft iron are removed as drawn. AIEZ's statistic depends on its own threshold, for what passes
+corrects the heading it is compared with. Any ROC above the diagonal rises faster at its end than on the whole, so that
+is no test of the paper's "much faster": tested is the slope dP_FA/dP_D, which from 0.8 to 0.9 must be twice that from
+0.7 to 0.8.
 
 M-E3, M-E4. Judged is the path as started; what the best turn and shift make of it stands beside, without a verdict: to
 choose the kinder way by the result would be no test. The filters as printed have what would break them corrected: the
