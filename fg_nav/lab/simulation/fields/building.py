@@ -352,7 +352,7 @@ REGION = FloorParameters(strength_uT=2.0, shortest_m=30.0, longest_m=90.0, modes
 (mems_foot). Waves of 60 to 150 m explain that as well, but their potential is twice that of the walks."""
 
 STRENGTH_SPREAD = 0.25  # s, of the logarithm of a building's strength.
-BETWEEN = 0.4  # Of 0.28, 0.34, 0.4 it gives most of Ma's figures together, on seeds 51 to 59 (docs/results/ma2018.md).
+BETWEEN = 0.4  # Of 0.28, 0.34 and 0.4 it gives most of Ma's figures together (`scripts/plans/ma_floor.toml`).
 
 INDOOR: Mapping[str, float] = {"smooth": 0.0, "between": BETWEEN, "indoor": 1.0}
 """Share of the disturbance of a reinforced building in each level; the rest is that of large iron far off."""
