@@ -140,7 +140,8 @@ def measure_solution(walk: Walk, solution: Solution) -> Figures:
     if isinstance(walk.truth, TrajectoryTruth):
         found[NEES] = compute_stance_nees(solution.stances, walk.truth).median_ratio
     compared = compare_at_footfalls(solution, walk.truth, "yaw")
-    error, covariance = compared.error[:, :2], solution.stances.position_cov[compared.row][:, :2, :2]
+    row = np.abs(solution.stances.t[:, None] - compared.t).argmin(axis=0)  # footfalls at the compared points
+    error, covariance = compared.error[:, :2], solution.stances.position_cov[row, :2, :2]
     squared = np.einsum("ki,kij,kj->k", error - error[0], np.linalg.pinv(covariance), error - error[0])
     return {**found, INSIDE: float(np.mean(squared[1:] < chi2.ppf(REGION, 2)))}
 
