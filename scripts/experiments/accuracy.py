@@ -139,6 +139,8 @@ def measure_solution(walk: Walk, solution: Solution) -> Figures:
         return found | measure_end(solution)
     if isinstance(walk.truth, TrajectoryTruth):
         found[NEES] = compute_stance_nees(solution.stances, walk.truth).median_ratio
+    if len(solution.stances) < 4:  # too few to be laid on a truth
+        return found
     compared = compare_at_footfalls(solution, walk.truth, "yaw")
     row = np.abs(solution.stances.t[:, None] - compared.t).argmin(axis=0)  # footfalls at the compared points
     error, covariance = compared.error[:, :2], solution.stances.position_cov[row, :2, :2]
@@ -237,15 +239,15 @@ def write_sets(sections: Sequence[str], table: Table) -> list[str]:
     rows = []
     for section in [one for one in sections if one in table.sections]:
         words, figure = SUMMARY[section]
-        write = partial(Column(figure, "", MEAN, "{:.2f}").write, table, section)
+        write = partial(Column(figure, "", MEAN, "{:.3f}" if figure == RMSE else "{:.2f}").write, table, section)
         known = {name: np.median(some) for name in FILTERS if len(some := table.values(section, name, figure))}
         best = min(known, key=lambda name: known[name], default="")
-        pyshoe = " / ".join(f"{PYSHOE[figure, how]:.2f}" for how in MEAN.split(" / ")) if section == LABELLED else ""
+        pyshoe = " / ".join(f"{PYSHOE[figure, how]:.3f}" for how in MEAN.split(" / ")) if section == LABELLED else ""
         ours = write(SMOOTHER) or write("together") or write("sensor") or write(INERTIAL)
         cells = [ours, write(INERTIAL) or write("alone"), write(IEZ), f"{write(best)} {best}".strip()]
         cells += [pyshoe or write(STORED), write(GAITMAP), write(IEKF)]
         number = max(len(table.of(section, variant)) for part, variant in table.cases if part == section)
-        end = "" if figure == RMSE else f", {END}"
+        end = f", {END}" if figure == GROUND else ""
         rows.append([f"{words}{end}", f"{number}", *(cell or "-" for cell in cells)])
     return write_table(heads, rows)
 
@@ -271,8 +273,7 @@ PARTS: Mapping[str, SmootherParameters] = {
 """The smoother without one of its parts."""
 
 PART_SECTIONS = (LABELLED, "gdin", "gdlbio", "gdlbio run", "openshoe", "xio")
-PART_COLUMNS = ((RMSE, "mean / median"), (SPACE, "mean / median"), ("scale", "median"), (NEES, "median"),
-                (CLOSURE, "median"))  # fmt: skip
+PART_COLUMNS = ((RMSE, MEAN), (SPACE, MEAN), ("scale", "median"), (NEES, "median"), (CLOSURE, "median"))
 
 
 def measure_parts(parts: Sequence[str], section: str, real: Real) -> Found:

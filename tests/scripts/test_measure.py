@@ -155,7 +155,7 @@ def test_the_table_of_all_sets_names_the_best_filter_of_the_papers():
             for name, error in (("inertial", 0.3), ("qsf", 0.5), ("aiez", 0.25), ("gtsam iekf", 0.4))]  # fmt: skip
     [line] = accuracy.write_sets(["gdin", "xio"], experiments.Table(rows))[2:]
     cells = [cell.strip() for cell in line.split("|")[2:-1]]
-    assert cells == ["1", "0.30 / 0.30", "0.30 / 0.30", "-", "0.25 / 0.25 aiez", "-", "-", "0.40 / 0.40"]
+    assert cells == ["1", "0.300 / 0.300", "0.300 / 0.300", "-", "0.250 / 0.250 aiez", "-", "-", "0.400 / 0.400"]
 
 
 def test_a_simulated_way_is_covered_by_its_sigmas():
