@@ -221,17 +221,17 @@ def draw_walks(table: Table, columns: Sequence[Column], path: Path) -> None:
     is_log = finite.min() > 0.0 and finite.max() > DECADES * finite.min()
     edge = finite.max() * (1.5 if is_log else 1.1)  # where infinite values are
     with style.styled():
-        figure = style.new_figure(0.9 + max(0.25, 0.1 + 0.07 * len(variants)) * len(shown))
+        there = {s: [v for v in variants if len(table.values(s, v, c.figure))] for s, c in shown}
+        figure = style.new_figure(0.9 + max(0.25, 0.1 + 0.05 * max(map(len, there.values()))) * len(shown))
         axes = figure.subplots()
         for n, variant in enumerate(variants):
             color, marker = CYCLE[n % len(CYCLE)], "osD"[n // len(CYCLE) % 3]  # both come again
             axes.plot([], [], marker, color=color, markersize=4, label=variant)
-            for k, (section, column) in enumerate(shown):
-                some = np.minimum(table.values(section, variant, column.figure), edge)
-                place = k + 0.8 * ((n + 0.5) / len(variants) - 0.5)
+            for k, (section, column) in [one for one in enumerate(shown) if variant in there[one[1][0]]]:
+                some, beside = np.minimum(table.values(section, variant, column.figure), edge), there[section]
+                place = k + 0.8 * ((beside.index(variant) + 0.5) / len(beside) - 0.5)
                 axes.plot(some, np.full_like(some, place), marker, color=color, markersize=3, alpha=0.5)
-                if len(some):
-                    axes.plot(np.median(some), place, "|", color=color, markersize=9, markeredgewidth=2.5)
+                axes.plot(np.median(some), place, "|", color=color, markersize=9, markeredgewidth=2.5)
         names = [section if column == shown[0][1] else f"{section}: {column.head}" for section, column in shown]
         axes.set(xscale="log" if is_log else "linear", xlabel=shown[0][1].head, ylim=(len(shown) - 0.5, -0.5))
         axes.set_yticks(range(len(shown)), names)
