@@ -150,14 +150,15 @@ def write_page(name: str, table: Table, made: Made) -> str:
     one, drawn = EXPERIMENTS[name], hashlib.sha256(json.dumps(table.rows).encode()).hexdigest()[:16]
     figures = [figure for asked in one.asked for figure in asked.judge(table)]
     summary = one.blocks[name](table) if table.rows and name in one.blocks else []
-    known = {
-        "summary": summary,
-        "tables": sum_up(table, one.stored_columns),
-        "rows": table.rows,
-        "figures": figures,
-        "made": made,
-    }
-    return render("experiment", name=name, experiment=one, drawn=list_shown(one.columns, table) and drawn, **known)
+    known = {"tables": sum_up(table, one.stored_columns), "summary": summary, "figures": figures, "made": made}
+    return render(
+        "experiment",
+        name=name,
+        experiment=one,
+        rows=table.rows,
+        drawn=list_shown(one.columns, table) and drawn,
+        **known,
+    )
 
 
 def list_rows(experiment: results.Experiment, walks: int) -> list[list[str]]:
@@ -216,20 +217,21 @@ def list_shown(columns: Sequence[Column], table: Table) -> list[tuple[str, Colum
 def draw_walks(table: Table, columns: Sequence[Column], path: Path) -> None:
     """Draw a row a section: walks are dots, their median a bar, variants below one another in their colours."""
     shown, variants = list_shown(columns, table), list(dict.fromkeys(variant for _, variant in table.cases))
-    known = np.concatenate([table.values(s, variant, c.figure) for s, c in shown for variant in variants])
+    found = {s: {v: x for v in variants if len(x := table.values(s, v, c.figure))} for s, c in shown}
+    known = np.concatenate([x for of_section in found.values() for x in of_section.values()])
     finite = known[np.isfinite(known)]
     is_log = finite.min() > 0.0 and finite.max() > DECADES * finite.min()
     edge = finite.max() * (1.5 if is_log else 1.1)  # where infinite values are
     with style.styled():
-        there = {s: [v for v in variants if len(table.values(s, v, c.figure))] for s, c in shown}
-        figure = style.new_figure(0.9 + max(0.25, 0.1 + 0.05 * max(map(len, there.values()))) * len(shown))
+        figure = style.new_figure(0.9 + max(0.25, 0.1 + 0.05 * max(map(len, found.values()))) * len(shown))
         axes = figure.subplots()
-        for n, variant in enumerate(variants):
-            color, marker = CYCLE[n % len(CYCLE)], "osD"[n // len(CYCLE) % 3]  # both come again
+        looks = {v: (CYCLE[n % len(CYCLE)], "osD"[n // len(CYCLE) % 3]) for n, v in enumerate(variants)}
+        for variant, (color, marker) in looks.items():
             axes.plot([], [], marker, color=color, markersize=4, label=variant)
-            for k, (section, column) in [one for one in enumerate(shown) if variant in there[one[1][0]]]:
-                some, beside = np.minimum(table.values(section, variant, column.figure), edge), there[section]
-                place = k + 0.8 * ((beside.index(variant) + 0.5) / len(beside) - 0.5)
+        for k, of_section in enumerate(found.values()):
+            for j, (variant, values) in enumerate(of_section.items()):
+                color, marker = looks[variant]
+                some, place = np.minimum(values, edge), k + 0.8 * ((j + 0.5) / len(of_section) - 0.5)
                 axes.plot(some, np.full_like(some, place), marker, color=color, markersize=3, alpha=0.5)
                 axes.plot(np.median(some), place, "|", color=color, markersize=9, markeredgewidth=2.5)
         names = [section if column == shown[0][1] else f"{section}: {column.head}" for section, column in shown]

@@ -27,7 +27,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -71,7 +71,7 @@ def read_faults(path: Path = LIST) -> list[Fault]:
     return [Fault(*cells[-3:], *cells[:-3]) for cells in lines]
 
 
-def find_problems(faults: Sequence[Fault]) -> Iterator[str]:
+def find_problems(faults: Iterable[Fault]) -> Iterator[str]:
     for file, old, new, _ in faults:
         text = (ROOT / file).read_text(encoding="utf-8") if (ROOT / file).is_file() else ""
         try:
@@ -175,7 +175,7 @@ def main() -> int:
     every, of_rows = read_faults(given.file), read_faults(EQUATIONS)
     faults = [fault for fault in every if re.search(given.only, str(fault))]
     faults = sorted(random.Random(given.seed).sample(faults, min(given.sample, len(faults))), key=every.index)
-    problems = [*find_problems(faults), *find_problems(of_rows), *find_rows_without_one(of_rows)]
+    problems = [*find_problems(dict.fromkeys([*faults, *of_rows])), *find_rows_without_one(of_rows)]
     if given.list or given.check or problems:
         say(*(problems or [fault for fault in faults if given.list]), f"{len(faults)} faults", sep="\n")
         return bool(problems)

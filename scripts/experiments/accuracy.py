@@ -72,13 +72,9 @@ FILTERS = ("qsf", "ma2018", "aiez")  # Of the papers.
 LABELLED, DETECTED = "vicon, labels", "vicon"
 AIR = ", barometer"
 MAGNETIC = ("gdin", "running", "openshoe", "mems", "mtig round", "feet")  # Sections whose sensor has a magnetometer.
-SECTIONS: Mapping[str, Sequence[str]] = {
-    LABELLED: ("vicon",),
-    **{name: (name,) for name in ("vicon", "running", "gdin", "gdlbio", "gdlbio run", "openshoe", "xio")},
-    **{name: (name,) for name in ("mti round", "mti stairs", "corridor", "mems", f"mems{AIR}", "mtig round")},
-    "feet": ("feet",),
-}
-"""Sets of each section; those with a barometer are solved by the smoother without magnetometer alone."""
+SECTIONS = (LABELLED, DETECTED, "running", "gdin", "gdlbio", "gdlbio run", "openshoe", "xio", "mti round", "mti stairs",
+            "corridor", "mems", f"mems{AIR}", "mtig round", "feet")  # fmt: skip
+"""Sets by name; with a barometer they are solved by the smoother without magnetometer alone."""
 
 RMSE, SPACE, NEES, CLOSURE, GROUND, Z = "rmse_2d_m", "rmse_3d_m", "nees", "closure_percent", "ground_m", "z_m"
 FIXES = "gnss_m"  # Mean distance to fixes that were not given.
@@ -91,8 +87,7 @@ def list_tasks(sections: Sequence[str], measure: Callable[[str, Real], Found], c
     return [
         Task(section, one.name, partial(measure, section, one))
         for section in sections
-        for name in SECTIONS[section]
-        for one in walks.list_set(data, name.removesuffix(AIR), AIR in section)
+        for one in walks.list_set(data, section.partition(", ")[0], AIR in section)
     ]
 
 
@@ -183,12 +178,12 @@ def run_invariant(recording: Recording, stances: Stances) -> Solution:
     # pass
     n, steps, stands = len(recording), np.diff(recording.t, append=recording.t[-1] + recording.period_s), stances.mask
     position, nav_R_body, covariances = np.zeros((n, 3)), np.tile(R, (n, 1, 1)), np.zeros((n, 3, 3))
-    H, rolled = np.hstack([np.zeros((3, 6)), identity]), noise.zero_velocity_density**2 * identity
+    H, stance_noise = np.hstack([np.zeros((3, 6)), identity]), noise.zero_velocity_density**2 * identity
     for k in range(start.row, n):
         if stands[k]:
             velocity = ekf.state().attitude().unrotate(ekf.state().velocity())
             H[:, :3] = skew(velocity)
-            ekf.updateWithVector(velocity, H, np.zeros(3), rolled / steps[k])
+            ekf.updateWithVector(velocity, H, np.zeros(3), stance_noise / steps[k])
         nav_R_body[k], position[k] = ekf.state().attitude().matrix(), ekf.state().position()
         covariances[k] = nav_R_body[k] @ ekf.covariance()[3:6, 3:6] @ nav_R_body[k].T
         ekf.predict(gyr[k], recording.acc[k], steps[k])
@@ -246,7 +241,7 @@ def write_sets(sections: Sequence[str], table: Table) -> list[str]:
         ours = write(SMOOTHER) or write("together") or write("sensor") or write(INERTIAL)
         cells = [ours, write(INERTIAL) or write("alone"), write(IEZ), f"{write(best)} {best}".strip()]
         cells += [pyshoe or write(STORED), write(GAITMAP), write(IEKF)]
-        number = max(len(table.of(section, variant)) for part, variant in table.cases if part == section)
+        number = len({row["walk"] for row in table.select(section).rows})
         end = f", {END}" if figure == GROUND else ""
         rows.append([f"{words}{end}", f"{number}", *(cell or "-" for cell in cells)])
     return write_table(heads, rows)
@@ -407,7 +402,7 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         ends, inside the claimed 95 % region. Pockets: mean distance to fixes, the path laid on those of the first
         10 % of the time, or every second one given. Nothing is set by walk. `smoother` has the magnetometer where
         there is one; qsf, ma2018 and aiez have it calibrated by the walk itself; labels are PyShoe's.""",
-        lambda chosen: list_tasks(list(SECTIONS), partial(measure_real, chosen.python), chosen) + list_worn(chosen),
+        lambda chosen: list_tasks(SECTIONS, partial(measure_real, chosen.python), chosen) + list_worn(chosen),
         (
             *(
                 Column(figure, head, f"{MEAN} / p95")
