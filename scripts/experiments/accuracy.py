@@ -257,6 +257,7 @@ PARTS: Mapping[str, SmootherParameters] = {
     "no stance refused": replace(DEFAULT, refuse_stances=False),
     "moving foot not counted": replace(DEFAULT, moving_foot=False),
     "swing noise as given": replace(DEFAULT, choose_swing_noise=False),
+    "swing noise of simulated sensors": replace(DEFAULT, choose_swing_noise=False, gyr_relative_density=2e-4),
     "bias walk as given": replace(DEFAULT, choose_bias_walk=False),
     "no floors": replace(DEFAULT, walk=WalkParameters(floors=False)),
     "no floors, 1.5 mm a sole": replace(DEFAULT, settling_m=0.0015, walk=WalkParameters(floors=False)),
