@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any
 
 import harness
-from experiments import ALL, FAILURE, SUMMARIES, WALKS, Experiment, Table, Task, measure_variants, sum_up
+from experiments import FAILURE, Experiment, Table, Task, measure_variants, sum_up
 from harness import option
 
 from fg_nav.errors import SimulationError
@@ -135,8 +135,6 @@ def print_walks(table: Table) -> None:
 
 def save(folder: Path, name: str, experiment: Experiment, table: Table, stamp: Mapping[str, str]) -> Path:
     """Put the sections that were measured in place of what the store has of them; returns the file."""
-    if not experiment.keeps_walks:
-        table = keep_sums(experiment, table)
     path = folder / f"{name}.json"
     old = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {"made": {}, "rows": []}
     rows = [row for row in old["rows"] if row["section"] not in table.sections]
@@ -146,19 +144,6 @@ def save(folder: Path, name: str, experiment: Experiment, table: Table, stamp: M
     content = {"made": old["made"] | dict.fromkeys(table.sections, stamp), "rows": rows}
     write_text(make_folder(folder) / path.name, json.dumps(content, indent=1) + "\n")
     return path
-
-
-def keep_sums(experiment: Experiment, table: Table) -> Table:
-    """Return one row a section and variant: its sums over the walks, by the names of the columns."""
-    rows = []
-    for section, variant in table.cases:
-        walks = len(table.of(section, variant))
-        row: dict[str, Any] = {"section": section, "walk": ALL, WALKS: walks, "variant": variant}
-        for column in experiment.columns:
-            values = table.values(section, variant, column.figure, column.over)
-            row |= {column.head: SUMMARIES[column.summary](values)} if len(values) else {}
-        rows.append(row)
-    return Table(rows)
 
 
 def make_stamp(command: str, seeds: str) -> dict[str, str]:

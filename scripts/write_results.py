@@ -25,7 +25,7 @@ from typing import Any, TypeAlias
 
 import harness
 import numpy as np
-from experiments import ALL, Column, Table, sum_up, write_table
+from experiments import Column, Table, sum_up, write_table
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from measure import EXPERIMENTS, ROOT, make_stamp
 
@@ -150,7 +150,7 @@ def write_page(name: str, table: Table, made: Made) -> str:
     one, drawn = EXPERIMENTS[name], hashlib.sha256(json.dumps(table.rows).encode()).hexdigest()[:16]
     figures = [figure for asked in one.asked for figure in asked.judge(table)]
     summary = one.blocks[name](table) if table.rows and name in one.blocks else []
-    known = {"tables": sum_up(table, one.stored_columns), "summary": summary, "figures": figures, "made": made}
+    known = {"tables": sum_up(table, one.columns), "summary": summary, "figures": figures, "made": made}
     return render(
         "experiment",
         name=name,
@@ -205,7 +205,7 @@ DECADES = 30.0  # Largest over smallest value of an axis that is logarithmic.
 
 def list_shown(columns: Sequence[Column], table: Table) -> list[tuple[str, Column]]:
     """Sections, each with the first column that it has; none of sums, nor columns of counts or of one value alone."""
-    sections = table.sections if {row["walk"] for row in table.rows} != {ALL} else []
+    sections = table.sections if {row["walk"] for row in table.rows} != {"all"} else []
     found = {(c, s): np.concatenate([table.values(*case, c.figure) for case in table.select(s).cases])
              for c in columns for s in sections}  # fmt: skip
     values = {c: {x for s in sections for x in found[c, s]} for c in columns}

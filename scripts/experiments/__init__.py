@@ -31,7 +31,6 @@ Found: TypeAlias = Mapping[str, Figures | Callable[[], Figures]]
 """Figures by variant, of one walk, or what measures them."""
 
 FAILURE = "failure"  # In place of figures: why there are none.
-ALL, WALKS = "all", "walks"  # In place of a walk, where a row has sums over them, and of how many.
 
 SUMMARIES: Mapping[str, Callable[[Floats], float]] = {
     "mean": lambda x: float(np.mean(x)),
@@ -188,7 +187,6 @@ class Experiment:
     seeds, first : how many simulated walks, from which on; none of an experiment on recordings alone.
     options : of the command line, besides those of all, as `harness.parse_arguments` takes them.
     blocks : tables of pages, by the names of their marks.
-    keeps_walks : whether each walk is stored, or the sums over the walks alone.
     """
 
     about: str
@@ -199,19 +197,11 @@ class Experiment:
     first: int = harness.FIRST_SEED
     options: Mapping[str, Any] = field(default_factory=dict)
     blocks: Mapping[str, Block] = field(default_factory=dict)
-    keeps_walks: bool = True
 
     @property
     def question(self) -> str:
         """What is measured on what, in one sentence."""
         return " ".join(self.about.split("\n\n")[0].split()).rstrip(".")
-
-    @property
-    def stored_columns(self) -> Sequence[Column]:
-        """Columns of the rows in the store: sums have the names of columns."""
-        if self.keeps_walks:
-            return self.columns
-        return [Column(one.head, one.head, "mean", one.pattern) for one in self.columns]
 
 
 # --- tables of pages -------------------------------------------------------------------------------------------------
@@ -223,7 +213,7 @@ def sum_up(table: Table, columns: Sequence[Column]) -> dict[tuple[str, ...], lis
     for section in table.sections:
         rows = []
         for _, variant in table.select(section).cases:
-            walks = sum(row.get(WALKS, 1) for row in table.of(section, variant).values())
+            walks = len(table.of(section, variant))
             rows.append([section, variant, f"{walks}", *(c.write(table, section, variant) for c in columns)])
         kept = [k for k in range(len(heads)) if k < 3 or any(row[k] for row in rows)]
         group = groups.setdefault(tuple(heads[k] for k in kept), [])

@@ -432,7 +432,6 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         lambda chosen: list_tasks(PART_SECTIONS, partial(measure_parts, chosen.parts), chosen),
         [Column(figure, f"{figure}, {how}", how) for figure, how in PART_COLUMNS],
         options={"parts": option(list(PARTS), "variants", nargs="+", choices=tuple(PARTS), metavar="NAME")},
-        keeps_walks=False,
     ),
     "verdicts": Experiment(
         """Verdicts on walks, with the error of their paths, and on recordings that are no walk or were spoiled.

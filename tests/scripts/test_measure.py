@@ -1,7 +1,6 @@
 """Experiments: how figures are summed up, judged, stored and written, and that each measures what it says."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -67,12 +66,6 @@ def test_a_section_measured_anew_takes_the_place_of_what_the_store_has(tmp_path)
     assert len(content["rows"]) == 3
     assert content["made"]["other"]["seeds"] == "101 to 102"
     assert set(content["made"]["s"]) == {"date", "commit", "code", "python", "command"}
-    kept = measure.keep_sums(replace(experiment, keeps_walks=False), TABLE)  # where walks are many
-    assert kept.of("s", "ours") == {"all": {"section": "s", "walk": "all", "walks": 2, "variant": "ours", "e": 2.0}}
-    columns = replace(experiment, keeps_walks=False).stored_columns
-    assert experiments.sum_up(kept.select("s"), columns) == {
-        ("section", "variant", "walks", "e"): [["s", "ours", "2", "2.000"], ["s", "iez", "2", "2.000"]]
-    }
 
 
 def test_the_command_of_a_table_measures_the_same_again():
