@@ -12,7 +12,7 @@ are tuned on seeds below 100.
 
 Each result is a file in the folder, which is made: a run makes what is missing or has other parameters. What other code
 made is shown, with a remark; `--renew` makes it again. Fields are the simulator's `smooth` and `indoor`, and `between`,
-0.65 of the first and 0.35 of the second. What was known of the iron on the shoe is in `fg_nav.lab.campaign.walks`.
+0.6 of the first and 0.4 of the second. What was known of the iron on the shoe is in `fg_nav.lab.campaign.walks`.
 
 Figures are medians over the walks (5 % to 95 %), of their size. A method that fails on a walk is infinitely wrong
 there. `end`, `heading` and `rmse` are as started, over the ground; TTD: the end in % of the distance; `over NAME`: the
