@@ -237,7 +237,7 @@ def draw_walks(table: Table, columns: Sequence[Column], path: Path) -> None:
         names = [section if column == shown[0][1] else f"{section}: {column.head}" for section, column in shown]
         axes.set(xscale="log" if is_log else "linear", xlabel=shown[0][1].head, ylim=(len(shown) - 0.5, -0.5))
         axes.set_yticks(range(len(shown)), names)
-        style.head(axes, "")
+        style.head(axes, "", 2 if len(looks) > 8 else 6)  # beside the names of sections
     style.save(figure, path)
 
 

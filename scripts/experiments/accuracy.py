@@ -269,7 +269,8 @@ PARTS: Mapping[str, SmootherParameters] = {
 """The smoother without one of its parts."""
 
 PART_SECTIONS = (LABELLED, "gdin", "gdlbio", "gdlbio run", "openshoe", "xio")
-PART_COLUMNS = ((RMSE, MEAN), (SPACE, MEAN), ("scale", "median"), (NEES, "median"), (CLOSURE, "median"))
+PART_COLUMNS = ((RMSE, "rmse 2-D (m)", MEAN), (SPACE, "3-D (m)", MEAN), ("scale", "scale", "median"),
+                (NEES, "NEES", "median"), (CLOSURE, "closure (%)", "median"))  # fmt: skip
 
 
 def measure_parts(parts: Sequence[str], section: str, real: Real) -> Found:
@@ -428,9 +429,11 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         blocks={"real-walks": partial(write_sets, list(SUMMARY)), "accuracy": partial(write_sets, HEADLINE)},
     ),
     "parts": Experiment(
-        "The smoother without one of its parts, on the same real walks.",
+        """The smoother without one of its parts, on the same real walks.
+
+        Errors are mean / median over the walks, the other figures medians.""",
         lambda chosen: list_tasks(PART_SECTIONS, partial(measure_parts, chosen.parts), chosen),
-        [Column(figure, f"{figure}, {how}", how) for figure, how in PART_COLUMNS],
+        [Column(*one) for one in PART_COLUMNS],
         options={"parts": option(list(PARTS), "variants", nargs="+", choices=tuple(PARTS), metavar="NAME")},
     ),
     "verdicts": Experiment(
