@@ -141,8 +141,9 @@ def save(folder: Path, name: str, experiment: Experiment, table: Table, stamp: M
     for row in table.rows:
         known = {key: one for key, one in row.items() if one is not None}
         rows.append({key: float(f"{one:.5g}") if isinstance(one, float) else one for key, one in known.items()})
-    content = {"made": old["made"] | dict.fromkeys(table.sections, stamp), "rows": rows}
-    write_text(make_folder(folder) / path.name, json.dumps(content, indent=1) + "\n")
+    made = json.dumps(old["made"] | dict.fromkeys(table.sections, stamp), indent=1)
+    lines = ",\n".join(map(json.dumps, rows))  # a line for each, as they are compared
+    write_text(make_folder(folder) / path.name, f'{{"made": {made},\n"rows": [\n{lines}\n]}}\n')
     return path
 
 
