@@ -21,7 +21,6 @@ experiments = load_script("experiments")
 
 STORE = sorted((ROOT / "docs" / "results").glob("*.json"))
 VERSION = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
-FIRST_STAMPED = (0, 2)  # Of versions: tables of earlier ones do not say which code made them.
 MINOR = "{}.{}".format(*sys.version_info)
 STAMPS = {
     "a": {"date": "2026-11-26", "commit": "abc", "seeds": "1 to 2", "command": "measure"},
@@ -153,8 +152,6 @@ def test_a_picture_is_drawn_of_walks_and_not_of_sums_or_counts(tmp_path):
 
 def list_others(version, code, store):
     """Files of the store that other code made: than this for a release, than the first one's while one is made."""
-    if tuple(int(part) for part in version.split(".")[:2]) < FIRST_STAMPED:
-        return []
     stamps = [(name, stamp) for name, content in store.items() for stamp in content.get("made", {}).values()]
     wanted = code if "dev" not in version else next((stamp["code"] for _, stamp in stamps if "code" in stamp), code)
     others = {name for name, stamp in stamps if stamp.get("code") != wanted}
@@ -178,7 +175,6 @@ def test_files_of_other_code_are_found():
         "aiez2017",
         "cost",
     ]
-    assert list_others("0.1.0", "2", mixed) == []
 
 
 def test_every_table_is_of_the_code_of_the_release():
