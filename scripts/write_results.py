@@ -25,7 +25,7 @@ from typing import Any, TypeAlias
 
 import harness
 import numpy as np
-from experiments import Column, Table, sum_up, write_table
+from experiments import ALL, Column, Table, sum_up, write_table
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from measure import EXPERIMENTS, ROOT, make_stamp
 
@@ -205,7 +205,7 @@ DECADES = 30.0  # Largest over smallest value of an axis that is logarithmic.
 
 def list_shown(columns: Sequence[Column], table: Table) -> list[tuple[str, Column]]:
     """Sections, each with the first column that it has; none of sums, nor columns of counts or of one value alone."""
-    sections = table.sections if {row["walk"] for row in table.rows} != {"all"} else []
+    sections = table.sections if {row["walk"] for row in table.rows} != {ALL} else []
     found = {(c, s): np.concatenate([table.values(*case, c.figure) for case in table.select(s).cases])
              for c in columns for s in sections}  # fmt: skip
     values = {c: {x for s in sections for x in found[c, s]} for c in columns}

@@ -31,6 +31,7 @@ Found: TypeAlias = Mapping[str, Figures | Callable[[], Figures]]
 """Figures by variant, of one walk, or what measures them."""
 
 FAILURE = "failure"  # In place of figures: why there are none.
+ALL = "all"  # In place of a walk, where a row has sums over them.
 
 SUMMARIES: Mapping[str, Callable[[Floats], float]] = {
     "mean": lambda x: float(np.mean(x)),

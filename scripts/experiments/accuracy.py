@@ -269,8 +269,8 @@ PARTS: Mapping[str, SmootherParameters] = {
 """The smoother without one of its parts."""
 
 PART_SECTIONS = (LABELLED, "gdin", "gdlbio", "gdlbio run", "openshoe", "xio")
-PART_COLUMNS = ((RMSE, "rmse 2-D (m)", MEAN), (SPACE, "3-D (m)", MEAN), ("scale", "scale", "median"),
-                (NEES, "NEES", "median"), (CLOSURE, "closure (%)", "median"))  # fmt: skip
+PART_COLUMNS = [Column(RMSE, "rmse 2-D (m)", MEAN), Column(SPACE, "3-D (m)", MEAN), Column("scale", "scale", "median"),
+                Column(NEES, "NEES", "median"), Column(CLOSURE, "closure (%)", "median")]  # fmt: skip
 
 
 def measure_parts(parts: Sequence[str], section: str, real: Real) -> Found:
@@ -433,7 +433,7 @@ EXPERIMENTS: Mapping[str, Experiment] = {
 
         Errors are mean / median over the walks, the other figures medians.""",
         lambda chosen: list_tasks(PART_SECTIONS, partial(measure_parts, chosen.parts), chosen),
-        [Column(*one) for one in PART_COLUMNS],
+        PART_COLUMNS,
         options={"parts": option(list(PARTS), "variants", nargs="+", choices=tuple(PARTS), metavar="NAME")},
     ),
     "verdicts": Experiment(

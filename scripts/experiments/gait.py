@@ -18,7 +18,7 @@ import pandas as pd
 import walks
 from harness import option
 
-from experiments import Column, Experiment, Found, Table, Task, write_table
+from experiments import ALL, Column, Experiment, Found, Table, Task, write_table
 from experiments.worn import SIDES
 from fg_nav import FeetResult, Options, Recording, Solution, TrajectoryTruth, navigate, navigate_feet
 from fg_nav.arrays import Floats, interpolate_columns
@@ -41,7 +41,7 @@ def list_references(chosen: Namespace) -> list[Task]:
         "gaitmap's sample": partial(measure_markers, data / "two_feet" / "gaitmap"),
         "gaitmap on its sample": partial(measure_gaitmap, data / "two_feet" / "gaitmap", chosen.python),
     }
-    return [Task(name, "all", measure) for name, measure in measures.items()]
+    return [Task(name, ALL, measure) for name, measure in measures.items()]
 
 
 def compare(ours: pd.DataFrame, theirs: pd.DataFrame) -> Found:

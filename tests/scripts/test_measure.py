@@ -66,6 +66,9 @@ def test_a_section_measured_anew_takes_the_place_of_what_the_store_has(tmp_path)
     assert len(content["rows"]) == 3
     assert content["made"]["other"]["seeds"] == "101 to 102"
     assert set(content["made"]["s"]) == {"date", "commit", "code", "python", "command"}
+    assert experiments.sum_up(TABLE.select("s"), experiment.columns) == {
+        ("section", "variant", "walks", "e"): [["s", "ours", "2", "2.000"], ["s", "iez", "2", "2.000"]]
+    }
 
 
 def test_the_command_of_a_table_measures_the_same_again():
